@@ -85,6 +85,7 @@ html_theme = "sphinx_book_theme"
 html_title = f"emcee_femu {release}"
 html_static_path = ["_static", "_build/mathjax"]
 html_css_files = ["site.css"]
+html_search_scorer = str(HERE / "_static" / "scorer.js")
 html_show_copyright = False
 html_context = {"default_mode": "auto"}
 html_theme_options = {

@@ -11,6 +11,7 @@ import numpy as np
 LEFT_ALIGNED = 'style="text-align: left"'
 SPACE = "  "  # between printed columns
 PAGE = 80  # columns of a terminal, at which printed sentences are wrapped
+PRINTED = 104  # characters that A4 takes at 7 points
 CAPTION = 'style="text-align: left; caption-side: top"'
 # Title, format specification, and the cells.
 Column: TypeAlias = tuple[str, str, Iterable[object]]
@@ -76,13 +77,8 @@ class Table:
     def __str__(self) -> str:
         """Return aligned text; the columns of a wide table are printed in blocks."""
         cells, widths = [self.columns, *self._cells()], self._widths()
-        blocks = [[0]]
-        for number, width in enumerate(widths[1:], 1):
-            if sum(widths[i] + len(SPACE) for i in blocks[-1]) + width > PAGE:
-                blocks.append([0])  # each begins with the names of the rows
-            blocks[-1].append(number)
         text = [self.title]
-        for block in blocks:
+        for block in self._blocks(PAGE):
             lines = [
                 SPACE.join(
                     row[i].rjust(widths[i]) if i else row[i].ljust(widths[i])
@@ -96,12 +92,6 @@ class Table:
 
     __repr__ = __str__  # at a prompt, too
 
-    @property
-    def width(self) -> int:
-        """Number of characters in a line with all columns."""
-        widths = self._widths()
-        return sum(widths) + len(SPACE) * (len(widths) - 1)
-
     def to_frame(self) -> Any:
         """Return a ``pandas.DataFrame`` at full precision.
 
@@ -112,19 +102,40 @@ class Table:
         return pandas.DataFrame(list(self.rows), columns=list(self.columns))
 
     def _repr_html_(self) -> str:
-        """Return the table as HTML for notebooks, in the colours of their theme."""
-        titles = "</th><th>".join(map(html.escape, self.columns))
-        rows = ["</td><td>".join(map(html.escape, row)) for row in self._cells()]
-        return "\n".join(
-            [
-                '<table class="dataframe" style="text-align: right">',
-                f"<caption {CAPTION}>{html.escape(self.title)}</caption>",
-                f"<thead><tr><th {LEFT_ALIGNED}>{titles}</th></tr></thead>",
+        """Return the table as notebooks show it, in the colours of their theme."""
+        text: list[str] = []
+        for block in self._blocks(PRINTED):
+            titles, *rows = (
+                [html.escape(row[i]) for i in block]
+                for row in (self.columns, *self._cells())
+            )
+            size = f"--characters: {self._length(block)}"  # by which print fits to A4
+            cells = ["</td><td>".join(row) for row in rows]
+            title = f"<caption {CAPTION}>{html.escape(self.title)}</caption>"
+            text += [
+                f'<table class="dataframe" style="text-align: right; {size}">',
+                "" if text else title,
+                f"<thead><tr><th {LEFT_ALIGNED}>{'</th><th>'.join(titles)}</th></tr>",
+                "</thead>",
                 "<tbody>",
-                *(f"<tr><td {LEFT_ALIGNED}>{row}</td></tr>" for row in rows),
+                *(f"<tr><td {LEFT_ALIGNED}>{row}</td></tr>" for row in cells),
                 "</tbody></table>",
             ]
-        )
+        return "\n".join(text)
+
+    def _blocks(self, most: int) -> list[list[int]]:
+        """Return columns in blocks of at most so many characters."""
+        blocks = [[0]]
+        for number in range(1, len(self.columns)):
+            if self._length([*blocks[-1], number]) > most:
+                blocks.append([0])  # each begins with the names of the rows
+            blocks[-1].append(number)
+        return blocks
+
+    def _length(self, block: Sequence[int]) -> int:
+        """Return the characters of a line with some columns."""
+        widths = self._widths()
+        return sum(widths[i] for i in block) + len(SPACE) * (len(block) - 1)
 
     def _cells(self) -> list[tuple[str, ...]]:
         return [
@@ -155,12 +166,6 @@ class Report:
     def _parts(self) -> Parts:
         """Return tables and sentences, in the order in which they are shown."""
         raise NotImplementedError
-
-    @property
-    def width(self) -> int:
-        """Characters of the widest table's lines; 1 without a table."""
-        tables = [part for part in self._parts() if isinstance(part, Table)]
-        return max((table.width for table in tables), default=1)
 
     def __str__(self) -> str:
         """Return the tables and the sentences, one below the other."""

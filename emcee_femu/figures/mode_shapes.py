@@ -126,7 +126,7 @@ def plot_shapes(
     below = BELOW | {"ncols": 4 if columns == SHAPE_COLUMNS else 2, "fontsize": 8}
     figure.legend(handles=panels[0].get_legend_handles_labels()[0], **below)
     figure.draw_without_rendering()  # the layout of such axes settles in two passes
-    return finish(figure, idata)
+    return finish(figure, idata, test.name)
 
 
 def _displace(modes: ModeShapes, geometry: Geometry, i: int) -> list[Moves]:
@@ -323,7 +323,7 @@ def plot_mac(
         _draw_matrix(axes, modes, ends if modes is after else None)
         axes.set_title(title, fontsize=10)
     figure.colorbar(axes.images[0], ax=panels, label="MAC (1: same shape)")
-    return finish(figure, idata)
+    return finish(figure, idata, test.name)
 
 
 def _draw_matrix(axes: Axes, modes: PairedShapes, ends: Floats | None) -> None:

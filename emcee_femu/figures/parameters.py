@@ -36,6 +36,7 @@ PAGE_WIDTH = 7.0  # inches: that of a page
 # Inches beside the panels, and above with title.
 LEFT_INCHES, RIGHT_INCHES, TITLE_INCHES = 0.8, 0.15, 0.4
 LABEL, SMALLEST = 10.0, 6.0  # points
+WIDE_NAME = 7  # characters below a cell of the correlation map
 # Independent draws that regions are drawn for, of however poor a chain.
 FEWEST_INDEPENDENT = 50.0
 
@@ -229,7 +230,9 @@ def plot_correlation(
     for (i, j), value in np.ndenumerate(values):
         color = "white" if abs(value) > 0.6 else "black"
         axes.text(j, i, f"{value:.2f}", ha="center", va="center", color=color)
-    axes.set_xticks(range(d), names)
+    slope = 40 if max(map(len, names)) > WIDE_NAME else 0  # else they would meet
+    ends: Style = {"ha": "right", "rotation_mode": "anchor"} if slope else {}
+    axes.set_xticks(range(d), names, rotation=slope, **ends)
     axes.set_yticks(range(d), names)
     figure.colorbar(image, ax=axes, label="correlation", shrink=0.85)
     finish(figure, idata)
@@ -389,6 +392,7 @@ def plot_prior_posterior(
     ]
     keys = keys[: 3 if np.isfinite(marks).any() else 2]
     figure.legend(handles=keys, **BELOW | {"ncols": 3})
+    figure.supylabel("density by its maximum", fontsize=9)
     return finish(figure, idata)
 
 

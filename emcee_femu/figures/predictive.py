@@ -22,8 +22,10 @@ FAR_PRIOR = 4.0  # times the updated deviations, beyond which the prior's go to 
 TAE_POINTS = 200  # generations at which the model is solved
 
 
-def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> Figure:
-    """Draw the deviations of predictions from the measurements, and the MAC.
+def plot_predictive(
+    idata: object, posterior: LogPosterior | None = None, experiment: str | None = None
+) -> Figure:
+    """Draw how far predictions lie from what was measured, and the MAC.
 
     There is one panel per measured variable, with deviations in percent for frequencies
     and in the variable's own unit otherwise. The model at the prior mean is a diamond,
@@ -36,17 +38,18 @@ def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> Fig
     solves.
 
     Args:
-        idata: The result of :func:`run` or :func:`to_inference_data`.
-        posterior: The sampled posterior, if idata is an ArviZ object; None to leave out
-            measurement errors.
+        idata: What :func:`to_inference_data` returns, or :func:`run`.
+        posterior: The sampled posterior, or None for no measurement errors; known of a
+            run.
+        experiment: Name of one experiment of a joint posterior; None for all of them.
 
     Returns:
         The matplotlib Figure.
 
     Raises:
         TypeError: If posterior is not a LogPosterior.
-        ValueError: If no variable of the response was measured, or posterior has other
-            parameters.
+        ValueError: If no measured variable is one of the response, or of that
+            experiment, or posterior has other parameters.
 
     Examples:
         >>> import emcee_femu as ef
@@ -57,7 +60,14 @@ def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> Fig
         1
     """
     idata, posterior = read_samples(idata, posterior)
-    parts = measured_variables(idata)
+    parts = every = measured_variables(idata)
+    if experiment is not None:
+        parts = [p for p in every if p.variable.startswith(f"{experiment}.")]
+    if not parts:
+        there = [part.name for part in every]
+        raise ValueError(
+            f"experiment: {experiment!r} has none of what was measured, {there}"
+        )
     heights = [h for p in parts for h in ([3.4] if p.mac is None else [3.4, 1.7])]
     width = float(np.clip(1.6 + 0.8 * max(len(p.labels) for p in parts), 7, 16))
     size = width, 1.2 + sum(heights)

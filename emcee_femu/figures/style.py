@@ -131,17 +131,22 @@ def subplots(
     return figure, [*panels.flat[:count]]
 
 
-def finish(figure: Figure, idata: InferenceData | None = None) -> Figure:
-    """Return a figure of pyplot in such a way that a notebook shows it once.
+def finish(
+    figure: Figure, idata: InferenceData | None = None, experiment: str = ""
+) -> Figure:
+    """Return a figure of pyplot, which a notebook will show once.
 
-    Its title is the verdict of :func:`certify` on the samples, if there is one.
+    Above it stand the experiment, if it has a name, and what :func:`certify` said of
+    the samples, if it did.
 
     At the end of a cell, a notebook shows the value of the last line and then all
     figures of pyplot, so a figure that is drawn and returned would appear twice. Our
     figures leave pyplot when they are shown as a value. Scripts are not affected.
     """
-    if idata is not None and (text := describe_certificate(idata).strip(" ()")):
-        figure.suptitle(f"{text[:1].upper()}{text[1:]}", fontsize=10)
+    text = "" if idata is None else describe_certificate(idata).strip(" ()")
+    parts = experiment, f"{text[:1].upper()}{text[1:]}"
+    if title := "\n".join(filter(None, parts)):
+        figure.suptitle(title, fontsize=10)
     if "inline" in matplotlib.get_backend():
         # No function of this one: figures can be pickled.
         show = partial(_leave_pyplot, figure)

@@ -27,34 +27,40 @@ LOW_MAC = 0.5  # the default of PairedModel, below which a pair does not mean mu
 
 def parameter_table(
     idata: object,
-    nominal: Mapping[str, float] | None = None,
+    true: Mapping[str, float] | None = None,
     published: Mapping[str, Mapping[str, float]] | None = None,
     var_names: Sequence[str] | None = None,
+    *,
+    before: Mapping[str, float] | None = None,
+    nominal: None = None,
 ) -> Table:
     """Tabulate the updated parameters, as in Tables 4.1 and 5.1 of the paper.
 
-    The columns are the unit, if any parameter has one; the prior mean; the nominal
-    value and the relative errors, if it is known; the posterior mean; its 95 % interval
-    (2.5 % and 97.5 % quantiles); the c.o.v. = sd / mean in percent; and the ratio of
-    posterior to prior standard deviation, which is near 1 if the data say nothing about
-    the parameter. Columns of the prior are left out if it is unknown, as in objects of
-    ``arviz.from_emcee``.
+    Columns: the unit where any parameter has one; the true value and relative errors
+    where it is known; the model before updating (the prior mean, or ``before``);
+    posterior mean, its 95 % interval (the 2.5 % and 97.5 % quantiles), c.o.v. = sd /
+    mean in percent, and the ratio of posterior to prior standard deviation: near 1 the
+    data said nothing about the parameter. Without a prior, as in objects of
+    ``arviz.from_emcee``, its columns are left out.
 
     Args:
-        idata: The result of :func:`run` or :func:`to_inference_data`, or anything that
-            the latter accepts.
-        nominal: Known true values by parameter name; None for a real structure.
+        idata: What :func:`to_inference_data` returns or takes, such as a run.
+        true: Known true values by parameter name, as in a simulation; None for a real
+            structure.
         published: Further columns, ``{title: {parameter: value}}``.
-        var_names: The rows; quantities that were added to the ``posterior`` group are
-            allowed. None for the sampled parameters.
+        var_names: Rows, with quantities that were added to the ``posterior`` group;
+            None for the sampled parameters.
+        before: Parameters of the model before updating, by name, in place of the prior
+            mean: an engineer's nominal values.
+        nominal: Refused: it meant the true values up to version 0.4.
 
     Returns:
         The table, one row per parameter.
 
     Raises:
-        TypeError: If idata holds no samples, or nominal or published is not such a
-            mapping.
-        ValueError: If nominal, a published column or var_names names an unknown
+        TypeError: If idata holds no samples, true, before or published is not such a
+            mapping, or nominal is given.
+        ValueError: If true, before, a published column or var_names names an unknown
             parameter.
 
     Examples:
@@ -66,6 +72,11 @@ def parameter_table(
         >>> [round(mean / 1e3) for mean in table.column("mean")[:3]]  # N/mm
         [4, 2, 2]
     """
+    if nominal is not None:
+        raise TypeError(
+            "nominal: no longer an argument; give true= for known true values, before= "
+            "for the model before updating"
+        )
     idata, _ = read_samples(idata)
     names, chains = samples(idata, var_names)
     draws = chains.reshape(-1, len(names))
@@ -73,24 +84,34 @@ def parameter_table(
     sd = draws.std(axis=0, ddof=1)
     units = [unit_of(idata, name) for name in names]
     prior = prior_constants(idata, names)
-    initial, prior_sd = prior["initial"].values, prior["prior_sd"].values
+    start, initial = "prior mean", prior["initial"].values
+    prior_sd = prior["prior_sd"].values
+    if before is not None:
+        start, initial = "before", checks.numbers_by_name("before", before, names)
+    reference: list[list[Column]] = [[], [], []]
+    if true is not None:
+        truth = checks.numbers_by_name("true", true, names)
+        reference = [
+            [("true", ".5g", truth)],
+            [("error %", ".2f", _percent_off(initial, truth))],
+            [("error % ", ".2f", _percent_off(mean, truth))],
+        ]
+    truths, errors_before, errors = reference
     columns: list[Column] = [
         ("parameter", "", names),
         *unit_column(units),
-        ("prior mean", ".5g", initial),
+        *truths,
+        (start, ".5g", initial),
+        *errors_before,
         ("mean", ".5g", mean),
+        *errors,
         ("2.5 %", ".5g", low),
         ("97.5 %", ".5g", high),
         ("c.o.v. %", ".2f", 100 * sd / np.abs(mean)),
         ("sd/prior sd", ".2f", sd / prior_sd),
     ]
-    if nominal is not None:
-        true = checks.numbers_by_name("nominal", nominal, names)
-        columns.insert(3, ("error % ", ".2f", _percent_off(mean, true)))
-        columns.insert(2, ("error %", ".2f", _percent_off(initial, true)))
-        columns.insert(2, ("nominal", ".5g", true))
-    if np.isnan(prior_sd).all():
-        columns = [column for column in columns if column[0] not in OF_PRIOR]
+    unknown = OF_PRIOR if np.isnan(prior_sd).all() else ()
+    columns = [c for c in columns if c[0] not in unknown]
     for title, values in _columns(published):
         column = checks.numbers_by_name(f"published[{title!r}]", values, names)
         columns.append((title, ".5g", column))
@@ -318,8 +339,9 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
         ("MAC < 0.5 in %", ".2f", percent(mac < LOW_MAC)),
         ("wrong by index in %", ".2f", percent(numbers != np.arange(1, m + 1))),
     ]
+    words = f" of {experiment!r}" if experiment else ""
     title = (
-        "Pairing with the model's modes: their order changed in "
+        f"Pairing with the model's modes{words}: their order changed in "
         f"{100 * changed.mean():.3g} % of {n} samples{describe_certificate(idata)}"
     )
     return Table.from_columns(title, columns)

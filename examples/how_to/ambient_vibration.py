@@ -122,7 +122,7 @@ if __name__ == "__main__":
     run = ef.run(target, steps=200, ensembles=2, seed=4)
     idata = ef.to_inference_data(run)
     known = dict.fromkeys(target.names, TRUTH)
-    parameters = ef.parameter_table(idata, nominal=known)
+    parameters = ef.parameter_table(idata, true=known)
     diagnosis = ef.diagnose(run)
     print(parameters, ef.frequency_table(idata), sep="\n\n")
     print("\n" + textwrap.fill(diagnosis.verdict, 80))

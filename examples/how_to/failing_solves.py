@@ -138,7 +138,7 @@ def licensed(p):
 
 licensed_posterior = ef.LogPosterior(ef.FunctionModel(licensed, 2), term, prior)
 with tempfile.TemporaryDirectory() as folder:  # yours is where you keep results
-    file = Path(folder) / "frame.sqlite"
+    file = Path(folder) / "frame.chain"
     options = {"seed": 1, "backend": file, "resume": True, "on_failure": "reject"}
     try:
         ef.emulate(licensed_posterior, 20, **options)
@@ -148,7 +148,7 @@ with tempfile.TemporaryDirectory() as folder:  # yours is where you keep results
 print(f"the next day: {emulated.solves} solves by {len(calls)} calls")
 
 # %% [markdown]
-# `emulate(..., backend="frame.sqlite", resume=True)` stores every solve as it arrives.
+# `emulate(..., backend="frame.chain", resume=True)` stores every solve as it arrives.
 # When the server is back, the same call checks that the model is the same, and
 # continues. So do `certify` and `run` ({doc}`/tutorials/long_runs`). A solve that
 # `emulate` rejects is left out of the fit and not tried again; in `certify` such a draw

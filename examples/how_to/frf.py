@@ -102,7 +102,7 @@ prior = ef.GaussianPrior(
 posterior = ef.LogPosterior(model, ef.frf.FRFTerm(measured), prior)
 run = ef.run(posterior, steps=150, ensembles=2, seed=1)
 idata = ef.to_inference_data(run)
-ef.parameter_table(idata, nominal=truth)
+ef.parameter_table(idata, true=truth)
 
 # %% mystnb={"image": {"alt": "Amplitudes of two measured FRFs with the band that the model predicts"}}
 ef.frf.plot_frf(idata, posterior)

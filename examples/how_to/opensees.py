@@ -163,7 +163,7 @@ if __name__ == "__main__":
     posterior = ef.LogPosterior(model, term, prior)
     run = ef.run(posterior, steps=400, ensembles=1, seed=1)
     idata = ef.to_inference_data(run)
-    print(ef.parameter_table(idata, nominal=TRUTH))
+    print(ef.parameter_table(idata, true=TRUTH))
     print(ef.frequency_table(idata, posterior))
 
 # %% [markdown]

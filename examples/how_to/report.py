@@ -47,15 +47,26 @@ run = ef.run(posterior, steps=150, ensembles=2, seed=1)
 
 # %% [markdown]
 # {py:func}`~emcee_femu.report` takes the run. Give units to the posterior and sensor
-# names to the measurements: the reader sees them.
+# names to the measurements: the reader sees them. `text=` has what only you can say, and
+# `derived=` what follows from the parameters, each a function of them and a unit.
 
 # %%
 path = Path(tempfile.mkdtemp(), "mast.html")
-ef.report(run, path, title="Mast: stiffness of its two halves").name
+text = {
+    "project": "Mast 12",
+    "author": "A. Engineer",
+    "structure": "Steel mast of 6 m, clamped at its foot; accelerometers at 2, 4 and 6 m.",
+    "question": "Is one of its halves softer than the drawings say (210 GPa)?",
+    "conclusion": "The lower half is softer. We recommend an inspection of its welds.",
+}
+derived = {"fall of E lower": (lambda p: 100 - 100 * p["E lower"] / 2.1e11, "%")}
+title = "Mast: stiffness of its two halves"
+ef.report(run, path, title=title, text=text, derived=derived).name
 
 # %% [markdown]
-# This is the file. Its pictures are inside, so you can send it as it is. A browser
-# prints it on A4, and shows it dark in dark mode.
+# This is the file. The first page has the question, the result and how far it can be
+# trusted; how it was done is at the end. Its pictures are inside, so you can send it as
+# it is. A browser prints it on A4, and shows it dark in dark mode.
 
 # %%
 import html
@@ -81,11 +92,12 @@ Page(f'<div><iframe title="The report" srcdoc="{page}" style="{style}"></iframe>
 # For single tables and figures in your own document, see {doc}`tables_and_figures`.
 
 # %% tags=["remove-cell"]
-text = path.read_text(encoding="utf-8")
+page = path.read_text(encoding="utf-8")
 table = ef.parameter_table(run)
-assert table._repr_html_() in text
-assert text.count("<img") == 5  # fit, MAC, shapes, prior and posterior, correlations
-assert "http" not in text
+assert table._repr_html_() in page
+assert page.count("<img") == 5  # fit, MAC, shapes, prior and posterior, correlations
+assert "http" not in page
+assert page.index(text["conclusion"]) < page.index("Prior and posterior")
 for name, low, high in zip(
     truth, table.column("2.5 %"), table.column("97.5 %"), strict=True
 ):

@@ -22,10 +22,11 @@ idata = ef.to_inference_data(run)
 # ## Tables
 #
 # A table prints itself, in a notebook too. {doc}`/start/reading` defines the columns.
-# `nominal=` adds the true or assumed values and the errors against them.
+# `true=` adds known true values and the errors against them; `before=` takes the
+# model before updating, if it was not the prior mean.
 
 # %%
-table = ef.parameter_table(idata, nominal=problem.nominal)
+table = ef.parameter_table(idata, true=problem.nominal)
 table
 
 # %% [markdown]

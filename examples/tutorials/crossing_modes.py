@@ -61,7 +61,7 @@ by_number = ef.LogPosterior(model, term, prior)
 run = ef.run(by_number, steps=300, seed=1)
 wrong = ef.to_inference_data(run)
 print(ef.diagnose(run).short)
-ef.parameter_table(wrong, nominal=truth)
+ef.parameter_table(wrong, true=truth)
 
 # %% mystnb={"image": {"alt": "Samples of kx and ky in two separate clouds; the truth is in the smaller one"}}
 ef.figures.plot_scatter(wrong, truths=truth)
@@ -121,7 +121,7 @@ by_shape = ef.LogPosterior(paired, terms, prior)
 run = ef.run(by_shape, steps=300, seed=1)
 right = ef.to_inference_data(run)
 print(ef.diagnose(run).short)
-ef.parameter_table(right, nominal=truth)
+ef.parameter_table(right, true=truth)
 
 # %%
 ef.pairing_table(right)

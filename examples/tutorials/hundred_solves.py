@@ -83,7 +83,7 @@ posterior = ef.LogPosterior(model, term, prior, units)
 
 # %%
 folder = tempfile.TemporaryDirectory()  # yours is where you keep your results
-file = Path(folder.name) / "bridge.sqlite"
+file = Path(folder.name) / "bridge.chain"
 emulated = ef.emulate(posterior, solves=40, seed=1, backend=file)
 print(f"{len(calls)} calls of the program")
 emulated
@@ -175,7 +175,7 @@ wide = ef.GaussianPrior(
     bounds=[(5, 80), (0.3, 1.4), (5, 300)],
 )
 vague = ef.LogPosterior(model, term, wide, units)
-file = Path(folder.name) / "short.sqlite"
+file = Path(folder.name) / "short.chain"
 
 
 def learn(solves):

@@ -52,14 +52,14 @@ def posterior(function=frequencies, measured=(3.32, 9.62, 13.11)):
 if __name__ == "__main__":
     run = ef.run(
         posterior(), ef.DEMCMove(), nwalkers=12, steps=300, ensembles=1, seed=1,
-        backend="run.sqlite", resume=True,
+        backend="run.chain", resume=True,
     )
     print(run[0].iteration, "steps")
 """
 folder = tempfile.TemporaryDirectory()  # yours is where you keep your results
 home = Path(folder.name)
 (home / "job.py").write_text(JOB, encoding="utf-8")
-file = home / "run.sqlite"
+file = home / "run.chain"
 
 # %% [markdown]
 # Start it, wait until the file holds 60 steps, and kill it, as the cluster's time limit
@@ -144,7 +144,7 @@ def go_on(changed, steps=400):
     try:
         ef.run(changed, steps=steps, backend=file, resume=True, **options)
     except ValueError as error:
-        message = str(error).replace(str(file), "run.sqlite")
+        message = str(error).replace(str(file), "run.chain")
         print(textwrap.fill(message, 80, replace_whitespace=False))
         return message
 
@@ -170,7 +170,7 @@ other_model = go_on(posterior(corrected))
 
 # %%
 begin, limit = time.monotonic(), 20 * 3600.0  # s; leave some room
-file = home / "pieces.sqlite"
+file = home / "pieces.chain"
 target = ef.paper.mass_spring().posterior
 for steps in range(500, 10_001, 500):
     run = ef.run(target, steps=steps, ensembles=2, seed=1, backend=file, resume=True)

@@ -79,7 +79,9 @@ ef.parameter_table(tests["day1"])
 
 # %%
 temperature = dict(zip(days, degrees, strict=True))
-population = ef.population.NormalPopulation(names, covariates={"T": temperature})
+population = ef.population.NormalPopulation(
+    names, covariates={"temperature": temperature}
+)
 settings = {"seed": 1, "steps": 400, "ensembles": 2, "posteriors": posteriors}
 pooled = ef.pool_tests(tests, population, **settings)
 pooled
@@ -88,7 +90,7 @@ pooled
 # The first table is for the population:
 #
 # - `mean` is that at the average temperature. More tests determine it better, as in one
-#   posterior of all data, and likewise the slope `per T`.
+#   posterior of all data, and likewise the slope `per temperature`.
 # - `sd` is the spread from test to test. It does **not** shrink with more tests, since
 #   it belongs to the structure; it only becomes known better.
 # - `next test` is what to expect of the parameters in the next test; design for it.
@@ -108,7 +110,7 @@ ef.figures.plot_population(pooled)
 # Along the temperature, the frame falls and the soil does not:
 
 # %% mystnb={"image": {"alt": "Frame and soil factors over the temperature; the red line of the frame falls steadily, that of the soil is nearly level within its wide band"}}
-ef.figures.plot_population(pooled, against="T")
+ef.figures.plot_population(pooled, against="temperature")
 
 # %% [markdown]
 # ## A test not yet made
@@ -117,7 +119,7 @@ ef.figures.plot_population(pooled, against="T")
 # draws include the uncertainty of the population and the scatter about it.
 
 # %%
-hot = pooled.next_test(T=40.0)  # 1,000 draws
+hot = pooled.next_test(temperature=40.0)  # 1,000 draws
 for name, values in hot.items():
     low, high = np.quantile(values, [0.025, 0.975])
     print(f"{name} at 40 degrees: {low:.3f} to {high:.3f}")
@@ -183,8 +185,8 @@ truth = {
     "mean soil": 1.0,
     "sd frame": SCATTER_FRAME,
     "sd soil": SCATTER_SOIL,
-    "frame per T": SLOPE,
-    "soil per T": 0.0,
+    "frame per temperature": SLOPE,
+    "soil per temperature": 0.0,
 }
 for name, value in truth.items():
     drawn = pooled.hyperdraws[name]

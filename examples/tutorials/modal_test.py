@@ -210,7 +210,7 @@ ef.pairing_table(idata)
 # ## When the verdict is different
 #
 # The statement says what to do, usually how many steps to run: a run in a file,
-# `backend="run.sqlite"`, continues with `resume=True` and more `steps`. [The
+# `backend="run.chain"`, continues with `resume=True` and more `steps`. [The
 # verdict](../explanation/verdict.py) lists all statements.
 #
 # If the problem remains, do not report numbers. Chains of a wrong model converge too.

@@ -164,7 +164,7 @@ for treat in (ignored, inferred):
     idata = ef.to_inference_data(run)
     results[treat] = posterior, idata
     print(treat.__name__ + ":", ef.diagnose(run).short)
-ef.parameter_table(results[ignored][1], nominal=truth)
+ef.parameter_table(results[ignored][1], true=truth)
 
 # %%
 ef.parameter_table(results[inferred][1])

@@ -132,7 +132,7 @@ run = ef.run(posterior, steps=200, seed=1)
 idata = ef.to_inference_data(run)
 diagnosis = ef.diagnose(run)
 print(diagnosis.verdict)
-ef.parameter_table(idata, nominal=truth)
+ef.parameter_table(idata, true=truth)
 
 # %%
 after = ef.identifiability(idata)

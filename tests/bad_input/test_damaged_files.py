@@ -69,18 +69,18 @@ def test_a_universal_file_that_ends_anywhere_is_refused_or_read(tmp_path, tail):
 
 
 def test_a_file_that_is_not_there_is_no_damaged_one(tmp_path):
-    path = tmp_path / "run.sqlite"
-    with pytest.raises(ValueError, match="no file .*run.sqlite"):
+    path = tmp_path / "run.chain"
+    with pytest.raises(ValueError, match="no file .*run.chain"):
         ef.diagnose(str(path))
     assert not path.exists()
 
 
 @pytest.mark.parametrize("column", ["stream", "number", "points", "content"])
 def test_a_missing_number_in_the_file_of_a_run_is_damage(tmp_path, column):
-    path = str(tmp_path / "run.sqlite")
+    path = str(tmp_path / "run.chain")
     posterior = ef.paper.mass_spring().posterior
     ef.run(posterior, ef.DEMCMove(), steps=9, ensembles=1, seed=1, backend=path)
     with closing(sqlite3.connect(path)) as file, file:
         file.execute(f"UPDATE record SET {column} = NULL WHERE number = 3")
-    with pytest.raises(ValueError, match="run.sqlite .*damaged"):
+    with pytest.raises(ValueError, match="run.chain .*damaged"):
         ef.diagnose(path)

@@ -173,10 +173,10 @@ def test_a_run_without_a_licence_goes_on_when_there_is_one(driver, tmp_path):
         return run[0].get_chain()
 
     with pytest.raises(driver.Unavailable, match="no licence"):
-        chain(solve, tmp_path / "run.sqlite")
+        chain(solve, tmp_path / "run.chain")
     free.touch()
     expected = chain(lambda p: [6.8 * np.sqrt(p["k"])])
-    np.testing.assert_array_equal(chain(solve, tmp_path / "run.sqlite"), expected)
+    np.testing.assert_array_equal(chain(solve, tmp_path / "run.chain"), expected)
     # Starts and a generation were kept; 16 solves check that the model is the same.
     assert solves.read_text().count("\n") < 20 + 16 + 3 * 8
 

@@ -77,7 +77,7 @@ MEMORYLESS = {
 
 @pytest.fixture
 def path(tmp_path):
-    return tmp_path / "run.sqlite"
+    return tmp_path / "run.chain"
 
 
 @pytest.mark.parametrize("move", [*REMEMBERING.values(), *FORGETFUL.values()])

@@ -10,6 +10,7 @@ import emcee
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
+from numpy.testing import assert_allclose
 from scipy import stats
 
 import emcee_femu as ef
@@ -29,9 +30,9 @@ ROOT = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
 NORMAL = ef.GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
 TERM = ef.FrequencyTerm([3.0], relative_sd=0.01)
 PLAIN = ef.LogPosterior(ROOT, TERM, NORMAL)
-ALWAYS = ["What was measured", "Model and parameters", "Likelihood", "Solves"]
-ALWAYS += ["Can the result be trusted?", "Parameters before and after"]
-ALWAYS += ["Prior and posterior", "How to repeat this"]
+FIRST = ["Structure", "Question", "Result", "Can the result be trusted?"]
+ALWAYS = [*FIRST, "Prior and posterior", "How the samples were judged"]
+ALWAYS += ["What was measured", "Likelihood", "Solves", "How to repeat this"]
 
 
 def sample(posterior):
@@ -107,13 +108,14 @@ def test_a_run_without_pairing_has_no_mode_shapes_and_its_call_repeats_the_repor
 ):
     monkeypatch.chdir(tmp_path)
     page = write(tmp_path, plain, title="A 'tower' & <more>", discard=5)
-    assert headings(page) == {*ALWAYS, "Fit before and after", "What the data say"}
+    of_each = "What each parameter owes to the data"
+    assert headings(page) == {*ALWAYS, "Fit before and after", of_each}
     assert "<h1>A &#39;tower&#39; &amp; &lt;more&gt;</h1>" in page
     call = html.unescape(re.findall("<pre><code>(.*?)</code></pre>", page, re.S)[0])
     (tmp_path / "report.html").write_text("nothing")
     exec(call, {"run": plain})
     again = (tmp_path / "report.html").read_text(encoding="utf-8")
-    day = re.compile("Written on [^<]*")
+    day = re.compile("20[0-9-]{8}")
     assert day.sub("", again) == day.sub("", page)
 
 
@@ -126,6 +128,52 @@ def test_each_experiment_of_a_joint_posterior_has_its_tables_and_terms(tmp_path)
     for name in tests:
         assert ef.frequency_table(run, experiment=name).title in text
         assert f"{name}.frequency" in text and f"Model of {name}" in text
+        assert ef.figures.plot_predictive(run, experiment=name).axes
+        plt.close("all")
+    with pytest.raises(ValueError, match="experiment: 'other'.*empty.frequency"):
+        ef.figures.plot_predictive(run, experiment="other")
+
+
+def test_the_first_page_has_ones_own_words_and_derived_quantities(plain, tmp_path):
+    text = {"author": "A. <B>", "structure": "a mast", "question": "is it soft"}
+    text |= {"conclusion": "it is", "project": "bridge 7", "date": "in May"}
+    derived = {"fall": (lambda p: 100 * (1 - p["k"] / 12), "%")}
+    page = write(tmp_path, plain, text=text, derived=derived)
+    titles = re.findall("<h2>(.*?)</h2>", page)
+    assert titles[: len(FIRST)] == FIRST
+    first = said(page).partition(titles[len(FIRST)])[0]
+    three = ef.diagnose(plain)
+    facts = [*text.values(), *(s.sentence for s in (three.chains, three.search))]
+    assert [fact for fact in facts if fact not in first] == []
+    k = ef.to_inference_data(plain)["posterior"]["k"].values.ravel()
+    fall = 100 * (1 - k / 12)
+    ends = fall.mean(), *np.quantile(fall, [0.025, 0.975])
+    assert f"fall % {' '.join(f'{x:.4g}' for x in ends)}" in first
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "named"),
+    [
+        ({"text": {"auther": "A"}}, ValueError, "text.*'auther'"),
+        ({"text": {"author": 3}}, TypeError, r"text\['author'\].*3"),
+        ({"derived": {"fall": np.log}}, TypeError, r"derived\['fall'\]"),
+        ({"derived": {"fall": (3, "%")}}, TypeError, r"derived\['fall'\]"),
+        ({"derived": {"a": (lambda p: p["k"][:3], "")}}, ValueError, r"derived\['a'\]"),
+    ],
+)
+def test_words_and_quantities_that_cannot_be_shown_are_refused(
+    options, error, named, plain, tmp_path
+):
+    with pytest.raises(error, match=named):
+        ef.report(plain, tmp_path / "report.html", **options)
+
+
+def test_priors_are_told_by_their_mean_and_interval(run, tmp_path):
+    """Of a normal prior they are known."""
+    text = said(write(tmp_path, run)).partition("Parameters before the test")[2]
+    cells = text.partition("k1 N/m ")[2].split()
+    expected = stats.norm(12, 3).ppf([0.025, 0.975])
+    assert_allclose([float(x) for x in cells[1:3]], expected, rtol=0.03)
 
 
 def test_samples_say_what_they_do_not_know(plain, tmp_path):

@@ -419,7 +419,7 @@ class Stopping:
 
 def test_a_kill_loses_no_solve_and_files_and_pools_change_nothing(tmp_path):
     alone = certify(NEAR, solves=40)
-    path, laws = tmp_path / "cut.certificate", [Stopping(30), Stopping(), Stopping()]
+    path, laws = tmp_path / "cut.chain", [Stopping(30), Stopping(), Stopping()]
     file = {"backend": path, "resume": True}
     with ThreadPoolExecutor(2) as pool:
         cut, *going_on = (free_posterior(law, WIDE_BOX) for law in laws)
@@ -430,8 +430,8 @@ def test_a_kill_loses_no_solve_and_files_and_pools_change_nothing(tmp_path):
     # Up to 16 calls see that the model is the same; a few may have been under way.
     assert laws[1].calls <= 40 - 30 + 16 + 8 and laws[2].calls <= 16
     for emulated, options, message in (
-        (NEAR, {"backend": path}, "cut.certificate exists"),
-        (NEAR, {**file, "solves": 60}, "cut.certificate"),
+        (NEAR, {"backend": path}, "cut.chain exists"),
+        (NEAR, {**file, "solves": 60}, "cut.chain"),
         (SHIFTED, file, "emulated draws"),  # emulated anew
     ):
         with pytest.raises(ValueError, match=message):

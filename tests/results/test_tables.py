@@ -78,9 +78,9 @@ SPREAD = np.array(  # sqrt(sum of squared deviations / 5)
 
 
 def test_parameter_table_equals_numbers_by_hand(idata):
-    nominal = {"alpha": 1.25}  # the other is not known
+    true = {"alpha": 1.25}  # the other is not known
     published = {"paper": {"alpha": 7.0, "stiff": 8.0}, "c.o.v.": {"stiff": 3.5}}
-    table = ef.parameter_table(idata, nominal, published)
+    table = ef.parameter_table(idata, true, published)
     assert table.column("parameter") == NAMES and table.column("prior mean") == INITIAL
     # Sorted, 0.4 0.8 1.0 1.2 1.2 1.4 and 1.0 1.2 1.3 1.3 1.5 1.5: an eighth of a step.
     for title, values in (
@@ -89,7 +89,7 @@ def test_parameter_table_equals_numbers_by_hand(idata):
         ("mean", [1.0, 1.3]),
         ("c.o.v. %", 100 * SPREAD / [1.0, 1.3]),
         ("sd/prior sd", SPREAD / PRIOR_SD),
-        ("nominal", [np.nan, 1.25]),
+        ("true", [np.nan, 1.25]),
         ("error %", [np.nan, 4.0]),
         ("error % ", [np.nan, 4.0]),
         ("paper", [8.0, 7.0]),
@@ -97,7 +97,13 @@ def test_parameter_table_equals_numbers_by_hand(idata):
     ):
         assert_allclose(table.column(title), values, rtol=1e-12)
     plain = ef.parameter_table(idata).columns
-    assert not {"nominal", "error %", "paper", "unit"} & {*plain}
+    assert not {"true", "error %", "paper", "unit"} & {*plain}
+    engineer = ef.parameter_table(idata, true, before={"alpha": 1.5})
+    assert_allclose(engineer.column("before"), [np.nan, 1.5])
+    assert_allclose(engineer.column("error %"), [np.nan, 20.0])
+    assert "prior mean" not in engineer.columns
+    with pytest.raises(TypeError, match="nominal: .*true=.*before="):
+        ef.parameter_table(idata, nominal=true)
 
 
 FREQUENCY_SD = np.sqrt([(2.25 + 0.25 + 0.25 + 1 + 0 + 6.25) / 5, 2.5 / 5])

@@ -411,7 +411,7 @@ def test_failed_solves_are_left_out_and_not_asked_again(caplog):
 @forks
 def test_a_round_is_as_wide_as_the_pool_and_files_go_on(tmp_path):
     """Four emulators, and two with processes."""
-    options = ALL | {"backend": str(tmp_path / "run.solves")}
+    options = ALL | {"backend": str(tmp_path / "run.chain")}
     with ThreadPoolExecutor(5) as executor:
         emulated = ef.emulate(posed(), 16, pool=executor, **options)
         assert emulated.history.column("solves") == [6, 11, 16]
@@ -494,7 +494,7 @@ def test_what_is_no_derivative_is_an_error():
 def test_with_derivatives_a_file_is_gone_on_with_to_the_bit(tmp_path):
     """Three emulators."""
     whole = ef.emulate(sloped(bent, bent_slopes), 7, **ALL)
-    options = ALL | {"backend": str(tmp_path / "run.solves")}
+    options = ALL | {"backend": str(tmp_path / "run.chain")}
     ef.emulate(sloped(bent, bent_slopes), 5, **options)
     options["resume"] = True
     with pytest.raises(ValueError, match="derivatives"):

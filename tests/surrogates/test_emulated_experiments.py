@@ -99,7 +99,7 @@ def test_each_is_learned_from_its_own_solves_and_the_joint_posterior_is_right():
 @pytest.mark.slow
 def test_files_and_arguments(tmp_path):
     """Six emulators of nine solves."""
-    joint, file = joint_of(), {"backend": tmp_path / "run.solves", "resume": True}
+    joint, file = joint_of(), {"backend": tmp_path / "run.chain", "resume": True}
     first = ef.emulate(joint, 9, seed=1, cheap=["static"], **file)
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"run.solves.empty", "run.solves.loaded"}

@@ -112,7 +112,7 @@ def certify(
             shortens a step or ends the climb.
         max_failures: Fraction of failed solves above which the verdict is *refused*.
         backend: File in which each solve is stored as soon as it is done, such as
-            "certify.sqlite".
+            "beam.chain".
         resume: Whether to continue from the file if it exists. Stored solves are not
             repeated.
         progress: Whether to show solves and the remaining time, as in :func:`run`.

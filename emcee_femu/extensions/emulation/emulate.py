@@ -104,7 +104,7 @@ def emulate(
             rounds and different points.
         pool: A pool to solve in, instead of workers; see :func:`run`.
         backend: File in which each solve is stored as soon as it is done, such as
-            "emulate.sqlite". Each experiment of a joint posterior has its own file,
+            "emulate.chain". Each experiment of a joint posterior has its own file,
             whose name ends with the experiment's.
         resume: Whether to continue from the file if it exists. Stored solves are not
             repeated, and the result is the same as without the interruption, bit for

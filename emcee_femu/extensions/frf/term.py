@@ -210,7 +210,8 @@ def plot_frf(
     figure, panels = subplots(rows, 1, (8.0, 1.0 + 2.3 * rows), sharex=True)
     unit, label = reads[measured.kind].unit, "updated model, 95 %"
     for i, (axes, channel) in enumerate(zip(panels, measured.channels, strict=True)):
-        style: Style = {"color": BLUE, "alpha": 0.6, "lw": 0.8, "label": label}
+        style: Style = {"color": BLUE, "alpha": 0.5, "lw": 1.6, "label": label}
+        style["zorder"] = 3  # a narrow band would vanish behind the points
         axes.fill_between(measured.lines, *ends[:, i], **style)
         style = {"color": "black", "ms": 3, "label": "measured"}
         axes.plot(measured.lines, np.abs(measured.values[i]), ".", **style)

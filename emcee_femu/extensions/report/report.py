@@ -5,8 +5,9 @@
 
 import platform
 from base64 import b64encode
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import date
+from functools import partial
 from hashlib import sha256
 from importlib.metadata import version
 from os import PathLike
@@ -17,16 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import checks
-from ...contracts import Reported, read_declared
+from ...contracts import Floats, Parameters, Reported, read_declared
 from ...likelihoods.shape import ShapeTerm
 from ...models.paired import PairedModel
 from ...posterior.experiments import Experiment
 from ...posterior.log_posterior import LogPosterior
-from ...posterior.priors import tabulate_prior
 from ...results.arviz_objects import (
     InferenceData,
     groups,
     prior_constants,
+    prior_draws,
     samples,
     unit_of,
 )
@@ -39,16 +40,20 @@ from ...results.tables import (
     pairing_table,
     parameter_table,
     predictive_table,
+    summarize,
 )
 from ...results.to_arviz import read_samples
 from ...sampling.record import Run
 from ...table import Column, Report, Table, unit_column
 
 Figure: TypeAlias = Any  # of matplotlib, which figures import
+Pictures: TypeAlias = list[tuple[str, Figure]]  # each with its experiment
+Derived: TypeAlias = Mapping[str, tuple[Callable[[Parameters], Floats], str]]
 
 MOST_ROWS = 40  # of a table; figures show the rest
-SHAPES_BESIDE = 8  # mode shapes beside each other in a table
 MOST_PAIRED = 6  # parameters that a scatter figure shows at page width
+PRIOR_DRAWN = 20_000  # draws, for the ends of its intervals
+TEXTS = ("author", "project", "date", "structure", "question", "conclusion")
 LIBRARIES = ("emcee-femu", "emcee", "numpy", "scipy", "arviz", "matplotlib")
 
 
@@ -57,27 +62,36 @@ def report(
     path: str | PathLike[str],
     *,
     title: str = "Updated finite element model",
+    text: Mapping[str, str] | None = None,
+    derived: Derived | None = None,
     posterior: LogPosterior | None = None,
     discard: int = 0,
 ) -> Path:
-    """Write a report of the results as one HTML file that prints on A4.
+    """Write one HTML file to hand over, with the answer on its first page.
 
-    Use it to hand results over. It contains the measurements, with a digest of the
-    data; the model, its parameters and priors; the likelihood in words and formulas;
-    the number of solves; the statements of :func:`diagnose`; parameters and fit before
-    and after updating; the MAC and shapes of paired modes, if the model has a
-    ``geometry`` (:class:`Geometry`); the prior and posterior densities, correlations
-    and :func:`identifiability`; seeds, versions and the call that writes the file
-    again. Figures are embedded. Sections without data are left out. It takes one solve
-    for each experiment with frequencies, and three more if modes are paired. An
-    existing file is overwritten.
+    The first page has the structure, the question, the result and the three statements
+    of :func:`diagnose`. Then come priors and posteriors, the fit before and after, mode
+    shapes and their MAC where modes are paired (and drawn where the model has a
+    ``geometry``, :class:`Geometry`), correlations and :func:`identifiability`. How it
+    was done is at the end: what was measured, the model, the likelihood in words and
+    formulas, the solves, seeds, versions, digests of the data, and the call that writes
+    the file again. A line explains each number. Pictures are inside the file, which
+    prints on A4. What the source does not know is left out. Writing costs a solve for
+    each experiment with frequencies and three more where modes are paired. An existing
+    file is overwritten.
 
     Args:
         source: The result of :func:`run`, :func:`certify` or :func:`pool_tests`, or
             anything that :func:`to_inference_data` accepts.
         path: Name of the file, such as "report.html".
         title: Its heading.
-        posterior: The sampled posterior, if source is an ArviZ object. Without it,
+        text: What you want to say yourself, such as ``{"author": "A. Bauer"}``: any of
+            author, project, date (otherwise today), structure, question (otherwise
+            written from the model) and conclusion.
+        derived: Quantities that follow from the parameters, with their units, such as
+            ``{"fall": (lambda p: 100 * (1 - p["E2"] / p["E1"]), "%")}``. The functions
+            take arrays ``(n,)`` by parameter, as a model does, and return ``(n,)``.
+        posterior: The sampled posterior, where the source does not know it: without it
             terms, measurement errors and mode shapes are left out.
         discard: Number of stored steps to drop as burn-in.
 
@@ -85,11 +99,12 @@ def report(
         The path of the file.
 
     Raises:
-        TypeError: If source holds no samples, path or title is not text, or posterior
-            is not a LogPosterior.
-        ValueError: If path does not end in .html, there are too few samples to judge,
-            or posterior has other parameters.
-        ImportError: If Jinja2 is not installed (the extra ``report``).
+        TypeError: If source holds no samples, path, title or a text is no text, derived
+            is not such a mapping, or posterior is not a LogPosterior.
+        ValueError: If path does not end in .html, text has another key, a derived
+            quantity is not one finite number for each sample, there are too few samples
+            to judge, or posterior has other parameters.
+        ImportError: If Jinja2, of the extra ``report``, is not installed.
 
     Examples:
         >>> import os, tempfile
@@ -113,6 +128,11 @@ def report(
             f"{path.name!r}; a browser prints it to PDF"
         )
     checks.text("title", title)
+    said = {} if text is None else checks.by_label("text", text, "{'author': text}")
+    for key, words in said.items():
+        if key not in TEXTS:
+            raise ValueError(f"text: expected some of {TEXTS}, got {key!r}")
+        checks.text(f"text[{key!r}]", words)
     name = "run" if isinstance(source, Run) else "samples"
     result, own = source, None
     if (reported := getattr(source, "reported", None)) is not None:
@@ -124,17 +144,20 @@ def report(
     held = groups(idata)
     measured = read_measured(idata)
     with_frequencies = _find_places((part.name for part in measured), "frequency")
+    frequencies = [frequency_table(idata, sampled, None, e) for e in with_frequencies]
     with_pairs = _find_places(map(str, held.get("response", ())), "mac")
     environment = Environment(autoescape=True, undefined=StrictUndefined)
     environment.filters |= {"show": _show, "draw": _draw}
     template = Path(__file__).with_name("report.html.jinja").read_text("utf-8")
     page = environment.from_string(template).render(
         title=title,
-        today=date.today(),
+        said=dict.fromkeys(TEXTS, "") | {"date": str(date.today())} | said,
+        names=samples(idata)[0],
         versions={library: version(library) for library in LIBRARIES},
         python=f"{platform.python_version()} on {platform.system()}",
         own=own,
         result=result,
+        counts={part.name: len(part.values) for part in measured},
         measured=[_tabulate_measured(part, sampled) for part in measured],
         measured_shapes=[t for e in experiments for t in _tabulate_shapes(e)],
         digests={
@@ -145,6 +168,7 @@ def report(
         experiments=experiments,
         kind=lambda value: type(value).__name__,
         priors=_tabulate_priors(idata, sampled) if "constant_data" in held else None,
+        laws=getattr(sampled.prior, "distributions", ()) if sampled else (),
         chains=read_chains(idata),
         run=run,
         diagnosis=diagnose(run or idata, discard if run else 0),
@@ -152,9 +176,8 @@ def report(
         parameters=parameter_table(
             idata, var_names=[*map(str, idata["posterior"].data_vars)]
         ),
-        frequencies=[
-            frequency_table(idata, sampled, None, e) for e in with_frequencies
-        ],
+        derived=_tabulate_derived(idata, derived) if derived is not None else None,
+        frequencies=[*zip(with_frequencies, frequencies, strict=True)],
         pictures=dict(_draw_all(idata, sampled, measured)) | _draw_own(result, own),
         predicted=_tabulate_predictions(idata, sampled, measured),
         pairings=[pairing_table(idata, e) for e in with_pairs],
@@ -165,6 +188,7 @@ def report(
         name=name,
         file=path.name,
         given=posterior is not None,
+        given_text=bool(text),
         discard=discard,
     )
     path.write_text(page, encoding="utf-8")
@@ -178,11 +202,10 @@ def _find_places(names: Iterable[str], quantity: str) -> list[str | None]:
 
 
 def _show(part: Table | Report) -> Any:
-    """Return tables in HTML, with the width of the widest, which print fits to A4."""
+    """Return tables and sentences in HTML."""
     from markupsafe import Markup
 
-    text = f'<div class="wide" style="--characters: {part.width}">'
-    return Markup(f"{text}{part._repr_html_()}</div>")
+    return Markup(f'<div class="wide">{part._repr_html_()}</div>')
 
 
 def _draw(figure: Figure) -> str:
@@ -228,28 +251,51 @@ def _tabulate_shapes(experiment: Experiment) -> Iterator[Table]:
         test = experiment.model.measurements
         assert test.shapes is not None
         of_terms, sensors = [test.shapes], test.sensors
-    title = f"Measured mode shapes {experiment.name}".rstrip()
+    title = f"Measured mode shapes of {experiment.name}".removesuffix(" of ")
     for shapes in of_terms:
         if len(shapes) > MOST_ROWS:
             continue
         sensors = sensors or [*map(str, range(1, 1 + len(shapes)))]
         modes = [(f"mode {i}", ".3f", shape) for i, shape in enumerate(shapes.T, 1)]
-        for start in range(0, len(modes), SHAPES_BESIDE):
-            shown = modes[start : start + SHAPES_BESIDE]
-            yield Table.from_columns(title, [("sensor", "", sensors), *shown])
+        yield Table.from_columns(title, [("sensor", "", sensors), *modes])
 
 
 def _tabulate_priors(idata: InferenceData, posterior: LogPosterior | None) -> Table:
-    title = "Parameters and priors"
-    if posterior is not None:
-        return tabulate_prior(title, posterior.prior, posterior.units)
+    """Tabulate means and 95 % intervals of any prior, by draws of it."""
     names = samples(idata)[0]
-    prior = prior_constants(idata, names)
+    prior, draws = prior_constants(idata, names), prior_draws(idata, names)
+    if posterior is not None:
+        draws = posterior.prior.sample(np.random.default_rng(0), PRIOR_DRAWN)
+    _, low, high = summarize(draws)
     columns: list[Column] = [("parameter", "", names)]
     columns += unit_column(unit_of(idata, name) for name in names)
-    for constant in ("prior_mean", "prior_sd", "lower", "upper"):
-        columns.append((constant.replace("_", " "), ".4g", prior[constant].values))
-    return Table.from_columns(title, columns)
+    columns += [
+        ("prior mean", ".4g", prior["prior_mean"].values),
+        ("2.5 %", ".3g", low),
+        ("97.5 %", ".3g", high),
+        ("lower bound", ".4g", prior["lower"].values),
+        ("upper bound", ".4g", prior["upper"].values),
+    ]
+    return Table.from_columns("Parameters before the test", columns)
+
+
+def _tabulate_derived(idata: InferenceData, derived: Derived) -> Table:
+    names, chains = samples(idata)
+    draws = dict(zip(names, chains.reshape(-1, len(names)).T, strict=True))
+    rows, units, size = {}, [], chains.shape[0] * chains.shape[1]
+    for name, pair in checks.by_label("derived", derived, "(function, unit)").items():
+        argument = f"derived[{name!r}]"
+        function, unit = checks.group(argument, pair, "(function, unit)", 2)
+        if not callable(function) or not isinstance(unit, str):
+            raise TypeError(f"{argument}: expected (function, unit), got {pair!r}")
+        rows[name] = checks.real_array(argument, function(draws))
+        checks.shaped(argument, rows[name].shape, (size,), remedy="one by sample")
+        units.append(unit)
+    columns: list[Column] = [("quantity", "", [*rows]), *unit_column(units)]
+    values = summarize(np.column_stack([*rows.values()]))
+    titles = zip(("mean", "2.5 %", "97.5 %"), values, strict=True)
+    columns += [(title, ".4g", row) for title, row in titles]
+    return Table.from_columns("Derived quantities", columns)
 
 
 def _tabulate_predictions(
@@ -261,30 +307,34 @@ def _tabulate_predictions(
     return predictive_table(idata, posterior if drawn else None)
 
 
-def _draw_own(result: object, own: Reported | None) -> dict[str, list[Figure]]:
+def _draw_own(result: object, own: Reported | None) -> dict[str, Pictures]:
     """Return the figure of a result that has a section of its own."""
     from ... import figures
 
-    return {"own": [getattr(figures, own.figure)(result)]} if own else {}
+    return {"own": [("", getattr(figures, own.figure)(result))]} if own else {}
 
 
 def _draw_all(
     idata: InferenceData, posterior: LogPosterior | None, measured: list[Measured]
-) -> Iterator[tuple[str, list[Figure]]]:
-    """Yield the figures of each section that has some."""
+) -> Iterator[tuple[str, Pictures]]:
+    """Yield the figures of each section that has some, by experiment."""
     from ... import figures
 
     if measured:
-        yield "fit", [figures.plot_predictive(idata, posterior)]
-    mac, shapes = [], []
+        places = dict.fromkeys(p.variable.rpartition(".")[0] for p in measured)
+        drawn = partial(figures.plot_predictive, idata, posterior)
+        yield "fit", [(place, drawn(experiment=place or None)) for place in places]
+    mac: Pictures = []
+    shapes: Pictures = []
     for test in posterior.experiments if posterior else ():
         place = test.name or None
         if isinstance(test.model, PairedModel):
-            mac.append(figures.plot_mac(idata, posterior, place))
+            mac.append((test.name, figures.plot_mac(idata, posterior, place)))
             if read_declared(test.model, "geometry") is not None:
-                shapes.append(figures.plot_shapes(idata, posterior, experiment=place))
+                figure = figures.plot_shapes(idata, posterior, experiment=place)
+                shapes.append((test.name, figure))
     yield from [("mac", mac), ("shapes", shapes)]
-    yield "parameters", [figures.plot_prior_posterior(idata, posterior)]
+    yield "parameters", [("", figures.plot_prior_posterior(idata, posterior))]
     d = len(samples(idata)[0])
     plot = figures.plot_scatter if d <= MOST_PAIRED else figures.plot_correlation
-    yield "correlations", [plot(idata)] if d > 1 else []
+    yield "correlations", [("", plot(idata))] if d > 1 else []
