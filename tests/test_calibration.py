@@ -11,10 +11,8 @@ import emcee
 import numpy as np
 import pytest
 from scipy import stats
-from support import calibration
 from support.calibration import (
     BETA,
-    DRAWS,
     QUANTITIES,
     auto_ranks,
     mass_spring,
@@ -127,12 +125,3 @@ def test_data_are_simulated_from_the_law_that_the_likelihood_states(beta):
     if beta == 100.0:  # of the paper's beta the difference is 0.1 % of a deviation
         rough = 5 * (1 + np.random.default_rng(1).standard_normal(20_000) / 10)
         assert stats.kstest(rough, sample).pvalue < 1e-6
-
-
-def test_the_chi_square_test_is_that_of_the_uniform_law():
-    every = np.arange(DRAWS + 1)
-    np.testing.assert_array_equal(p_values(np.stack([every, every[::-1]], 1)), 1.0)
-    lowest = np.zeros((16, 1), dtype=int)  # 16 ranks in one bin, 2 expected in each
-    expected = stats.chi2.sf((14**2 + 7 * 2**2) / 2, 7)
-    np.testing.assert_allclose(p_values(lowest), expected, rtol=1e-12)
-    assert calibration.BINS == 8 and len(QUANTITIES) == 6

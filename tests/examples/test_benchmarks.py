@@ -95,14 +95,6 @@ def test_hard_targets(name, capsys):
 FEW = load("few_solves")
 
 
-@pytest.mark.parametrize("name", FEW.PROBLEMS)
-def test_a_problem_of_few_solves_counts_them_by_itself(name):
-    problem = FEW.PROBLEMS[name]()
-    theta = problem.posterior.prior.sample(np.random.default_rng(1), 4)
-    assert np.isfinite(problem.posterior(theta)[:, 0]).all()
-    assert problem.box.solves == 4 and not problem.posterior.differentiable
-
-
 @pytest.mark.parametrize(
     ("name", "exact"),
     [

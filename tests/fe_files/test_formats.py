@@ -65,23 +65,6 @@ def test_what_was_written_is_read(tmp_path, program):
 
 
 @pytest.mark.parametrize("program", WRITERS)
-def test_the_suffix_does_not_matter(tmp_path, program):
-    given = WRITERS[program](tmp_path)
-    if program == "CalculiX":
-        given = {"K": given, "M": given.with_suffix(".mas")}
-    elif not isinstance(given, dict):
-        other = given.with_name(given.name.replace("STIF", "MASS"))
-        given = {"K": given, "M": other}
-    renamed = {}
-    for name, path in given.items():
-        renamed[name] = tmp_path / f"{name}.txt"
-        renamed[name].write_bytes(path.read_bytes())
-    read = ef.read_matrices(renamed)
-    np.testing.assert_allclose(read.K.toarray(), K, rtol=6e-10)
-    np.testing.assert_allclose(read.M.toarray(), M, rtol=6e-10)
-
-
-@pytest.mark.parametrize("program", WRITERS)
 def test_a_cut_file_is_refused_or_a_matrix_is_missing(tmp_path, program):
     # So may K be complete when M is not.
     given = WRITERS[program](tmp_path)

@@ -112,13 +112,6 @@ def test_few_or_slow_gaussian_samples_have_ellipses_in_every_panel(steps, memory
     assert sum(isinstance(patch, Ellipse) for patch in patches) == 6
 
 
-def test_clouds_in_a_row_stay_separate():
-    row = 0.1 * NORMAL + RNG.integers(5, size=(CHAINS, STEPS, 1)) * [1.0, 0.0]
-    _, _, (_, lines) = drawn(ef.figures.plot_scatter(made(row)))
-    places = np.column_stack([np.arange(0, 4.5, 0.5), np.zeros(9)])
-    assert inside(lines, 0, places).tolist() == [True, False] * 4 + [True]
-
-
 def test_a_density_that_leans_on_a_bound_does_not_fade_there():
     bounds = [(0.0, np.inf), (-np.inf, np.inf)]
     leaning = made(np.abs(NORMAL) * [1, 0] + NORMAL * [0, 1], bounds)
@@ -128,21 +121,6 @@ def test_a_density_that_leans_on_a_bound_does_not_fade_there():
     along = np.column_stack([np.full(200, 0.02), np.linspace(0, 3, 200)])
     reach = along[inside(lines, 1, along), 1].max()
     assert reach == pytest.approx(1.18, abs=0.15)
-
-
-def test_axes_show_where_the_mass_is_and_end_at_bounds():
-    tails = RNG.standard_t(1.5, (CHAINS, STEPS, 2))
-    axes = drawn(ef.figures.plot_scatter(made(tails)))[0]
-    for values, ends in zip(tails.T, (axes.get_xlim(), axes.get_ylim()), strict=True):
-        low, high = np.quantile(values, [0.005, 0.995])
-        assert values.min() < low - 0.25 * (high - low) <= ends[0] < low
-        assert high < ends[1] <= high + 0.25 * (high - low)
-    bounds = [(5.0, np.inf), (-np.inf, -5.0)]
-    leaning = made(np.abs(NORMAL) * [1, -1] + [5, -5], bounds)
-    axes = drawn(ef.figures.plot_scatter(leaning, truths={"p0": 19.0}))[0]
-    assert axes.get_xlim() == (5.0, 19.0) and axes.get_ylim()[1] == -5.0
-    axes = drawn(ef.figures.plot_scatter(made(np.exp(NORMAL))))[0]  # positive
-    assert axes.get_xlim()[0] == axes.get_ylim()[0] == 0.0
 
 
 def test_six_parameters_of_all_sizes_are_readable_at_page_width():
@@ -164,20 +142,6 @@ def test_six_parameters_of_all_sizes_are_readable_at_page_width():
     assert all(a.x1 < b.x0 for a, b in zip(labels, labels[1:], strict=False))
     (mark,) = panels(figure)[4, 4].lines  # on the scaled axis
     assert_allclose(np.ravel(mark.get_xdata()), 2.2)
-
-
-def test_derived_quantities_are_drawn_when_asked_for():
-    draws = np.dstack([NORMAL, 2 * NORMAL[..., 1]])
-    idata = made(draws, sampled=["p0", "p1"])
-    assert len(ef.figures.plot_scatter(idata).axes) == 4
-    assert len(ef.figures.plot_correlation(idata).axes[0].texts) == 4
-    chosen, units = {"var_names": ["p2", "p1"]}, {"p1": "%"}
-    axes = ef.figures.plot_scatter(
-        idata, units=units, truths={"p0": 1.0}, **chosen
-    ).axes
-    assert [each.get_xlabel() for each in axes[2:]] == ["p2", "p1 [%]"]
-    texts = ef.figures.plot_correlation(idata, **chosen).axes[0].texts
-    assert [text.get_text() for text in texts] == 4 * ["1.00"]
 
 
 def test_correlation_map_shows_the_correlations():

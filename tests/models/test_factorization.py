@@ -137,15 +137,6 @@ def test_a_pivot_that_pardiso_would_replace_is_left_to_superlu(monkeypatch):
     np.testing.assert_allclose(solution, [-1 / small, 1 / small, -1.0])
 
 
-def test_models_refuse_alike_with_either_solver(solver):
-    with pytest.raises(ValueError, match=r"mode 1 is not elastic .* \{'k': -1.0\}"):
-        modal()[0]({"k": np.array([-1.0])})
-    K, _ = membrane(14)
-    off = sparse.diags_array([np.ones(209), np.ones(209)], offsets=[1, -1])
-    with pytest.raises(ValueError, match="M0 is not positive definite"):
-        ef.MatrixModel(K, sparse.csc_array(off + sparse.eye_array(210)), {}, n_modes=2)
-
-
 # --- PARDISO's memory, threads and processes
 
 

@@ -117,17 +117,6 @@ def test_a_run_without_pairing_has_no_mode_shapes_and_its_call_repeats_the_repor
     assert day.sub("", again) == day.sub("", page)
 
 
-def test_each_experiment_of_a_joint_posterior_has_its_tables_and_terms(tmp_path):
-    loaded = ef.FunctionModel(lambda p: [(p["k"] / 2) ** 0.5], n_modes=1)
-    half = ef.FrequencyTerm([2.1], relative_sd=0.01)
-    tests = {"empty": (ROOT, TERM), "loaded": (loaded, half)}
-    run = sample(ef.LogPosterior.joint(tests, NORMAL))
-    text = said(write(tmp_path, run))
-    for name in tests:
-        assert ef.frequency_table(run, experiment=name).title in text
-        assert f"{name}.frequency" in text and f"Model of {name}" in text
-
-
 def test_samples_say_what_they_do_not_know(plain, tmp_path):
     """Of a file, with and without the posterior, and of plain emcee."""
     ef.to_inference_data(plain).to_netcdf(tmp_path / "run.nc")
@@ -154,26 +143,21 @@ def test_a_certificate_says_which_solves_were_full(off, short, tmp_path):
     assert ef.parameter_table(sealed.idata)._repr_html_() in page
 
 
-def test_populations_are_reported_with_what_they_were_made_of(plain, tmp_path):
-    annealed = ef.anneal(PLAIN, 200, seed=1)
+def test_an_annealed_population_says_what_it_was_made_of(tmp_path):
+    annealed = ef.anneal(PLAIN, 60, seed=1)
     text = said(write(tmp_path, annealed, posterior=PLAIN))
-    assert f"{annealed.solves:,} times" in text and "200 draws" in text
+    assert f"{annealed.solves:,} times" in text and "60 draws" in text
+
+
+@pytest.mark.slow
+def test_pooled_tests_are_reported_with_their_population(plain, tmp_path):
+    """The law of a report of several runs; pooling them takes ten seconds."""
     idata = ef.to_inference_data(plain)
     normal, tests = ef.population.NormalPopulation(["k"]), {"May": idata, "June": idata}
     pooled = ef.pool_tests(tests, normal, seed=1, steps=50, ensembles=1, draws=100)
     page = write(tmp_path, pooled)
     assert pooled._repr_html_() in page and "The population" in headings(page)
     assert "May, June" in said(page)
-
-
-@pytest.mark.slow
-def test_an_emulated_model_says_what_it_was_made_of(tmp_path):
-    """An emulator takes seconds."""
-    emulated = ef.emulate(PLAIN, 8, seed=1)
-    run = sample(emulated.posterior)
-    text = said(write(tmp_path, run))
-    assert f"{emulated.solves} full solves" in text
-    assert f"emulated model was solved {run.solves:,} times" in text
 
 
 def deflection(p):

@@ -69,20 +69,6 @@ def test_moments_are_the_exact_ones_and_errors_are_honest(emulated, true, phi):
     assert 0.55 < (z**2).mean() < 1.6
 
 
-@pytest.mark.slow
-def test_a_variance_is_never_below_zero():
-    """Of a wide chain, corrected by what the weights of some draws leave of theirs."""
-    wide, true = (LogGaussian(np.zeros(1), v * np.eye(1)) for v in (1.0, 0.01))
-    theta, below = draws(wide, 3_000, 1), 0
-    idata = sampled(posterior(wide), theta)
-    for seed in range(6):
-        found = ef.certify(idata, posterior(true), 800, seed=seed)
-        square = (found.theta[:, 0] - theta.mean()) ** 2
-        below += theta.var() + (found.weights - 1) @ square / len(square) < 0
-        assert found.short == "corrected" and found.sd[0] > 0
-    assert 0 < below < 6
-
-
 def test_where_all_weights_are_equal_all_is_that_of_the_whole_chain():
     """Its errors too, where squares forget sooner, by phi^2."""
     n, phi = 10_000, 0.9
@@ -150,29 +136,6 @@ def test_a_short_chain_is_said_and_widens_the_errors():
     one_slow = ef.certify(sampled(posterior(WHITE), slowest), posterior(WHITE), seed=1)
     for found, said in ((short, True), (long, False), (one_slow, True)):
         assert ("independent draws only" in str(found)) == said
-
-
-@pytest.mark.slow
-def test_walkers_that_exchange_places_know_no_more():
-    """As of a tempered run: each forgets at once, but not their ensemble."""
-    steps, walkers, phi = 1_500, 6, 0.9
-    rng, true, found = np.random.default_rng(1), posterior(TRUE), []
-    for seed in range(4):
-        theta = ar1([phi] * 3, steps, walkers, seed) @ np.linalg.cholesky(COVARIANCE).T
-        order = rng.permuted(np.tile(np.arange(walkers), (steps, 1)), axis=1)
-        theta = np.take_along_axis(theta, order[:, :, None], axis=1)
-        idata = sampled(true, theta.reshape(-1, 3), walkers)
-        idata["posterior"].attrs["betas"] = "[1.0, 0.5]"
-        found.append(ef.certify(idata, true, 400, seed=seed))
-    size = steps * walkers * (1 - phi) / (1 + phi)
-    of_squares = steps * walkers * (1 - phi**2) / (1 + phi**2)
-    n = len(found[0].theta)
-    worth = [c.effective / n for c in found]
-    assert np.mean(worth) == pytest.approx(np.tanh(size / n), abs=0.14)  # the worst's
-    errors = np.mean([[c.mean_error, c.sd_error] for c in found], axis=(0, 2))
-    np.testing.assert_allclose(
-        errors, (size**-0.5, (2 * of_squares) ** -0.5), rtol=0.25
-    )
 
 
 def stiffness(log_density, low=1e1, high=1e9):

@@ -1,7 +1,5 @@
 """The ArviZ object of a run: every number, where it came from, files and tables."""
 
-import tracemalloc
-import warnings
 from importlib.metadata import version
 from itertools import product
 
@@ -10,7 +8,6 @@ import emcee
 import numpy as np
 import pytest
 import xarray
-from matplotlib import pyplot as plt
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from support.chains import dataset
@@ -179,16 +176,6 @@ def test_a_plain_emcee_sampler_and_its_backend_are_converted():
     assert attrs["moves"].startswith("1 x StretchMove(")
 
 
-def test_arviz_judges_and_plots_the_result(idata):
-    assert list(az.summary(idata).index) == NAMES
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # 600 draws of a short chain
-        ranking = az.compare({"one": idata, "other": idata})
-        assert az.loo(idata).n_data_points == len(DATA) and len(ranking) == 2
-    az.plot_trace(idata, var_names=NAMES[:2])
-    assert plt.get_fignums()
-
-
 @pytest.mark.parametrize("plain", [True, False])
 def test_parameters_of_a_plain_sampler_are_named(plain):
     sampler = emcee.EnsembleSampler(8, 2, lambda x: -0.5 * float(x @ x))
@@ -319,36 +306,3 @@ def test_a_shape_term_may_compare_fewer_modes_than_are_paired():
     run = ef.run(posterior, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
     stored = dataset(ef.to_inference_data(run), "log_likelihood")
     assert stored["mode"].values.tolist() == [1, 2]
-
-
-def peak_of(function, *arguments, **options):
-    """Return what a call adds to memory at most, in bytes, and its result."""
-    tracemalloc.start()
-    result = function(*arguments, **options)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    return peak, result
-
-
-def model_of_twenty(parameters):
-    return ef.ModalSolution(np.arange(1, 21) + 0.01 * parameters["k"][:, None])
-
-
-TWENTY = ef.LogPosterior(
-    model_of_twenty, ef.FrequencyTerm(np.arange(1, 21), beta=1e2), PRIOR
-)
-
-
-def test_memory_stays_flat_while_a_file_grows_and_a_conversion_takes_little(tmp_path):
-    options, peaks = {"nwalkers": 128, "ensembles": 1, "seed": 1}, []
-    for steps in (2, 15, 50):  # the first one pays for imports
-        file, steps = tmp_path / f"{steps}.run", {"steps": steps}
-        move = ef.DEMCMove()
-        peak, run = peak_of(ef.run, TWENTY, move, **options, **steps, backend=file)
-        peaks.append(peak)
-    assert peaks[2] - peaks[1] < 0.1 * (50 - 15) * 128 * (1 + 1 + 2 + 20) * 8
-    ef.to_inference_data(run, discard=49)  # imports
-    least, _ = peak_of(ef.to_inference_data, run, discard=49)  # of the prior
-    peak, idata = peak_of(ef.to_inference_data, run)
-    kept = sum(dataset(idata, group).nbytes for group in ("posterior", "response"))
-    assert kept < peak < 1.5 * least + 10 * kept  # 5 times it with NumPy 2.4

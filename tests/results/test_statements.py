@@ -152,22 +152,6 @@ def test_annealing_and_emulating_doubt_too_also_when_they_go_on(model, said, tmp
     assert [warning.filename for warning in caught] == [__file__]
 
 
-@pytest.mark.slow
-def test_an_emulators_first_design_tells_where_units_are_right_or_solves_fail():
-    """Five emulators: priors that hold what was measured far from their mean."""
-    high = independent(k1=stats.uniform(0.1, 1_200.0), k2=stats.uniform(0.1, 240.0))
-    for prior in (None, WIDE, high):  # a warning would be an error
-        ef.emulate(posterior_of(HERTZ, prior=prior), 8, seed=1)
-
-    def partly(p):
-        if p["k1"] > 55:
-            raise ArithmeticError("no convergence")
-        return in_newtons(p)
-
-    with pytest.warns(UserWarning, match="units"):
-        ef.emulate(posterior_of(HERTZ, partly), 8, seed=1, on_failure="reject")
-
-
 @pytest.mark.parametrize(
     ("measured", "fit"), [(HERTZ, "fits"), (HERTZ * [1.0, 2.0], "does not fit")]
 )
@@ -194,18 +178,6 @@ def test_what_is_seen_of_the_first_solve_is_doubted(model, bounds, said):
     prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], bounds)
     found = doubts(posterior_of(model=model, prior=prior), **DEMC)[1]
     assert len(found) == bool(said) and all(re.search(said, text) for text in found)
-
-
-def test_modes_that_are_paired_may_cross():
-    """Two oscillators, of which the prior mean takes the other for the lower one."""
-    springs = {"a": (0, 1, 100.0), "b": (0, 2, 120.0)}
-    model = ef.MassSpringModel([1.0, 1.0], springs, shapes=True)
-    measured = np.sqrt([100.0, 120.0]) / (2 * np.pi)
-    test = ef.Measurements(measured, shapes=np.eye(2))
-    prior = ef.GaussianPrior(["a", "b"], [120.0, 100.0], 20.0, [(1.0, 300.0)] * 2)
-    terms = ef.FrequencyTerm(test, relative_sd=0.02)
-    paired = ef.PairedModel(model, test, candidates=2)
-    assert doubts(ef.LogPosterior(paired, terms, prior), **DEMC)[1] == []
 
 
 def test_the_first_solve_is_counted_once_and_changes_no_chain(tmp_path):
@@ -291,15 +263,6 @@ def test_of_ten_values_one_may_be_outside_but_not_far(off, fit):
     assert found.status == fit and f"{10 - len(off)} of 10" in found.sentence
 
 
-def test_steps_that_are_dropped_say_nothing_of_the_fit(good):
-    idata = ef.to_inference_data(good[0])
-    for group in ("response", "new_measurement"):
-        if group in idata:
-            idata[group]["frequency"][:, :108] *= 2.0
-    assert ef.diagnose(idata).fit.status == "does not fit"
-    assert ef.diagnose(idata, 108).fit.status == "fits"
-
-
 def test_an_error_that_surprises_does_not_fit_though_it_covers_all():
     prior = ef.IndependentPrior(
         {"k1": stats.norm(50, 0.1), "k2": stats.norm(10, 0.02)}
@@ -361,12 +324,6 @@ def test_parameters_that_follow_other_units_leave_the_fit_in_doubt(tmp_path):
         assert any(text.startswith("k1 is +12.") for text in said)
     alone = ef.diagnose(path / "run").fit  # without the posterior
     assert alone.status == "not checked" and doubt[:-1] in alone.sentence
-
-
-def test_a_parameter_that_moves_as_its_prior_allows_is_not_doubted():
-    posterior = posterior_of(1.5 * AT_MEAN, factors, FACTORS)  # 2.7 sd
-    run, said = doubts(posterior, steps=200, **DEMC)
-    assert said == [] and ef.diagnose(run, 100).fit.status == "fits"
 
 
 @pytest.mark.parametrize(

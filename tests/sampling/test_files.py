@@ -4,7 +4,6 @@ Nothing here knows the format of a file: chains, searches of "auto", annealings 
 emulations are begun, spoiled and gone on with by public functions only.
 """
 
-import importlib.metadata
 import json
 import os
 import random
@@ -204,14 +203,6 @@ def test_another_file_is_left_as_it_is_and_none_gone_on_with_unasked(whole, path
         assert path.read_bytes() == content and COUNT["calls"] == 0
 
 
-def test_a_search_that_was_stopped_is_not_gone_on_with_unasked(path):
-    attempt("auto", path, stop=20)
-    with pytest.raises(ValueError, match="run.stored.*resume"):
-        sampled(path, moves="auto", resume=False)
-    with pytest.raises(ValueError, match="seed: was 1, is 2"):
-        sampled(path, moves="auto", seed=2)
-
-
 @posix
 def test_of_two_runs_that_write_to_one_file_one_is_refused(path, count):
     outcome = []
@@ -367,16 +358,6 @@ def test_what_is_the_same_is_not_refused_though_it_counts_or_has_another_name(pa
     assert samplers[1].iteration == 3
     with pytest.raises(ValueError, match=r"moves: was .*a=2.0.* is .*a=3.0"):
         sampled(path, posterior, moves=Move(3.0), steps=4)
-
-
-def test_another_version_of_a_library_is_warned_of(path, monkeypatch):
-    sampled(path, steps=2)
-    kind = type(importlib.metadata.distribution("numpy"))
-    version = kind.version.fget
-    other = property(lambda d: "0" if d.name == "numpy" else version(d))
-    monkeypatch.setattr(kind, "version", other)
-    with pytest.warns(UserWarning, match="numpy.* is 0"):
-        sampled(path, steps=3)
 
 
 # --- another model -----------------------------------------------------------------

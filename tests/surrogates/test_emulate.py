@@ -182,50 +182,6 @@ def test_modes_that_are_paired_are_emulated_in_units_of_their_errors(n_terms):
 
 # --- thin and sharp posteriors ------------------------------------------------------
 
-TRUTH = {"E": 1.1, "t": 1.025, "k": 1.16}
-SLAB_BOUNDS = [(0.5, 1.5), (0.7, 1.3), (0.15, 2.5)]
-SLAB_PRIOR = ef.GaussianPrior([*TRUTH], np.ones(3), [0.13, 0.05, 0.33], SLAB_BOUNDS)
-
-
-def slab(x):
-    """Four frequencies that two of the three parameters' combinations decide."""
-    s, b = x[0] * x[1] ** 2, x[2] / x[1]
-    return np.sqrt([s * b / (s + b), b, 5 * s + b, 27 * s + b])
-
-
-def posed_slab(relative_sd):
-    data = slab([*TRUTH.values()])
-    return posed(slab, term=Gaussian(data, relative_sd * data), prior=SLAB_PRIOR)
-
-
-def draw_ridge(n, relative_sd):
-    """Return draws of that posterior: both combinations are Gaussian, and t is free."""
-    rng = np.random.default_rng(1)
-    s, b = TRUTH["E"] * TRUTH["t"] ** 2, TRUTH["k"] / TRUTH["t"]
-    data, step = slab([s, 1.0, b]), 1e-6
-    ahead = [slab([s + step, 1.0, b]), slab([s, 1.0, b + step])]
-    slopes = np.array([(moved - data) / step for moved in ahead]) / data
-    covariance = np.linalg.inv(slopes @ slopes.T) * relative_sd**2
-    t = rng.uniform(0.7, 1.3, 50 * n)
-    s, b = rng.multivariate_normal([s, b], covariance, len(t)).T
-    ridge = np.stack([s / t**2, t, b * t], axis=1)
-    log_p = SLAB_PRIOR.logpdf(ridge) - np.log(t)  # dE dk = t^-2 t ds db
-    return ridge[rng.choice(len(t), n, p=shares(log_p))]
-
-
-@SLOW
-def test_a_thin_ridge_is_emulated_right_or_the_history_tells():
-    """Few members of a population ever come upon it, and they become copies."""
-    emulated, theta = ef.emulate(posed_slab(5e-4), 60, seed=3), draw_ridge(400, 5e-4)
-    data = slab([*TRUTH.values()])
-    assert emulated.solves < 40
-    full = exact(slab, Gaussian(data, 5e-4 * data), SLAB_PRIOR, theta)
-    apart = full - emulated.posterior(theta)[:, 0]
-    assert apart.std() < 0.2  # as of errors of a tenth of the measurement's
-    copies = ef.emulate(posed_slab(1e-6), 20, seed=1)
-    assert copies.solves == 20
-    assert copies.history.column("predicted error")[-1] > 0.1
-
 
 SIX_PRIOR = ef.GaussianPrior(
     [f"x{i}" for i in range(6)], np.zeros(6), 1.0, [(-4.0, 4.0)] * 6
@@ -262,22 +218,6 @@ def test_a_sharp_posterior_is_reached_in_stages():
 
 
 # --- logarithms and coordinates -----------------------------------------------------
-
-
-@SLOW
-def test_frequencies_that_are_powers_of_parameters_are_exact_after_a_design():
-    """Their logarithms are straight lines, those of a bar, say."""
-
-    def bar(p):
-        return [30.0 * p["E"] ** 0.5 / p["L"], 70.0 * p["E"] ** 0.4 * p["L"] ** -2.0]
-
-    prior = ef.IndependentPrior({"E": (1.0, 4.0), "L": (0.5, 2.0)})
-    term = ef.FrequencyTerm([40.0, 120.0], relative_sd=0.01)
-    posterior = ef.LogPosterior(ef.FunctionModel(bar, n_modes=2), term, prior)
-    emulated = ef.emulate(posterior, 10, seed=1)
-    theta = dict(zip("EL", prior.sample(np.random.default_rng(1), 200).T, strict=True))
-    assert_allclose(emulated(theta).frequencies, np.transpose(bar(theta)), rtol=1e-4)
-    assert "logarithms of E, L" in unwrapped(emulated)
 
 
 @pytest.mark.parametrize("function", [np.log, np.array])
