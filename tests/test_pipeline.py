@@ -35,19 +35,10 @@ def linear_posterior():
     )
 
 
-TUNED = np.random.default_rng(0).multivariate_normal(np.zeros(3), conjugate()[1], 500)
-
-
-@pytest.mark.parametrize(
-    "move",
-    [
-        [(ef.DEMCMove(), 0.8), (ef.DEMCMove(gamma0=1.0), 0.2)],
-        ef.MetropolisMove.tuned(TUNED),
-    ],
-)
-def test_conjugate_gaussian_posterior_is_recovered(move):
+def test_conjugate_gaussian_posterior_is_recovered():
     posterior = linear_posterior()
-    samplers = ef.run(posterior, move, 20, 300, ensembles=4, seed=1)
+    moves = [(ef.DEMCMove(), 0.8), (ef.DEMCMove(gamma0=1.0), 0.2)]
+    samplers = ef.run(posterior, moves, 20, 300, ensembles=4, seed=1)
     diagnosis = ef.diagnose(samplers, discard=50)
     draws = np.concatenate([s.get_chain(discard=50, flat=True) for s in samplers])
     mean, covariance = conjugate()

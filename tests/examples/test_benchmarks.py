@@ -108,18 +108,6 @@ def test_their_posteriors_are_the_published_ones(name, exact):
     np.testing.assert_allclose(np.diff(found), np.diff(exact()(theta)[:, 0]), rtol=1e-9)
 
 
-def test_weighted_draws_have_the_moments_of_the_quadrature():
-    """That of tests/test_beck_au.py: two modes, from draws about as they are."""
-    problem, rng = FEW.beck_au(), np.random.default_rng(1)
-    modes = rng.choice(2, 2_000)
-    centre = np.array([[0.50, 0.90], [1.81, 0.25]])[modes]
-    spread = np.array([[0.038, 0.070], [0.142, 0.019]])[modes]
-    chain = centre + spread * rng.normal(size=(2_000, 2))
-    (found,) = FEW.weigh([problem.posterior], chain, problem, seed=1)
-    assert abs(found.mean[0] - 1.11700) < 0.03 * found.sd[0]
-    assert abs(found.sd[0] / 0.66237 - 1) < 0.03 and abs(found.first - 0.53079) < 0.03
-
-
 @pytest.mark.slow
 def test_few_solves(monkeypatch, capsys):
     options = ["--seeds", "1", "--first", "7", "--problem", "beck_au"]
@@ -199,7 +187,9 @@ def test_a_solid_has_its_mass_and_strain_energy():
         np.testing.assert_allclose(energy, modulus * volume * shares)
 
 
+@pytest.mark.slow
 def test_large_model(monkeypatch, capsys):
+    """The law of reductions, beside a full model, as the page prints it."""
     pytest.importorskip("resource", reason="there is none on Windows")
     monkeypatch.setitem(sys.modules, "pypardiso", None)
     monkeypatch.setenv("MKL_NUM_THREADS", "1")

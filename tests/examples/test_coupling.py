@@ -44,7 +44,9 @@ def check_update(name, mean_gap=0.2, sd_gap=0.1):
     np.testing.assert_allclose(draws.std(axis=0), sd, rtol=sd_gap)
 
 
+@pytest.mark.slow
 def test_opensees_frame(capsys):
+    """The law of the page: the posterior of its least squares, as of the next two."""
     opensees()
     check_update("opensees")
     shown = capsys.readouterr().out

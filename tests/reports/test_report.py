@@ -118,28 +118,24 @@ def test_a_run_without_pairing_has_no_mode_shapes_and_its_call_repeats_the_repor
 
 
 def test_samples_say_what_they_do_not_know(plain, tmp_path):
-    """Of a file, with and without the posterior, and of plain emcee."""
+    """Of a file, with and without the posterior."""
     ef.to_inference_data(plain).to_netcdf(tmp_path / "run.nc")
     idata = arviz.from_netcdf(tmp_path / "run.nc")
     text = said(write(tmp_path, idata))
     assert f"{plain.solves:,} times" in text and "do not know" in text
     text = said(write(tmp_path, idata, posterior=PLAIN))
     assert "do not know" not in text and text.endswith("posterior=posterior)")
-    sampler = emcee.EnsembleSampler(8, 2, lambda x: -0.5 * float(x @ x))
-    sampler.run_mcmc(np.random.default_rng(1).normal(size=(8, 2)), 60)
-    assert headings(write(tmp_path, sampler)) == {*ALWAYS, "Correlations"}
 
 
-@pytest.mark.parametrize(("off", "short"), [(0.0, "certified"), (0.01, "corrected")])
-def test_a_certificate_says_which_solves_were_full(off, short, tmp_path):
-    near = ef.FunctionModel(lambda p: [3 + off + (p["k"] - 9) / 6], n_modes=1)
+def test_a_certificate_says_which_solves_were_full(tmp_path):
+    near = ef.FunctionModel(lambda p: [3.01 + (p["k"] - 9) / 6], n_modes=1)
     emulated = ef.LogPosterior(near, TERM, NORMAL)
     run = ef.run(emulated, ef.DEMCMove(), 20, 300, ensembles=1, seed=1)
     sealed = ef.certify(ef.to_inference_data(run, discard=100), PLAIN, 100, seed=2)
-    assert sealed.short == short
+    assert sealed.short == "corrected"
     page = write(tmp_path, sealed)
     assert sealed.verdict in said(page) and str(sealed.solves) in said(page)
-    assert (f"{run.solves:,} times" in said(page)) == (short == "certified")
+    assert f"{run.solves:,} times" not in said(page)
     assert ef.parameter_table(sealed.idata)._repr_html_() in page
 
 

@@ -81,9 +81,8 @@ def test_where_all_weights_are_equal_all_is_that_of_the_whole_chain():
     errors = [found.mean_error.mean(), found.sd_error.mean()]
     np.testing.assert_allclose(errors, [of_mean, of_sd], rtol=0.2)
     # A sample variance, which divides by n - 1.
-    few = [certify(TRUE, n=40, seed=seed, solves=10) for seed in range(8)]
-    of_few = [draws(TRUE, 40, seed).var(axis=0) for seed in range(8)]
-    ratios = [c.sd**2 for c in few] / np.array(of_few)
+    few = [certify(TRUE, n=40, seed=seed, solves=10).sd ** 2 for seed in range(8)]
+    ratios = few / np.array([draws(TRUE, 40, seed).var(axis=0) for seed in range(8)])
     np.testing.assert_allclose(ratios.mean(axis=0), 40 / 39, atol=0.01)
 
 
@@ -119,13 +118,11 @@ def test_draws_are_spread_evenly_and_count_as_often_as_they_were_met():
 
 def test_the_error_of_a_difference_is_that_of_the_solved_draws_alone():
     """Both standard deviations are of one chain, however well it knows them."""
-    slow = certify(TRUE, n=2_000, phi=0.9)
+    slow, near = certify(TRUE, n=2_000, phi=0.9), certify(NEAR, seed=1, solves=120)
     assert (slow.off_error < 1e-6).all() and (slow.sd_error > 0.02).all()
-    found = [certify(NEAR, seed=seed, solves=120) for seed in range(4)]
-    off = np.array([c.sd / c.emulated_sd for c in found])
-    z = (off - 1.02**-0.5) / [c.off_error / c.sd for c in found]
-    assert (np.abs(z) < 4.5).all()
-    assert (np.square(z).mean() < 3) and (np.abs(off - 1) < 0.02).all()
+    off = near.sd / near.emulated_sd
+    z = (off - 1.02**-0.5) / (near.off_error / near.sd)
+    assert (np.abs(z) < 4.5).all() and (np.abs(off - 1) < 0.02).all()
 
 
 def test_a_short_chain_is_said_and_widens_the_errors():
@@ -150,7 +147,7 @@ def test_corrected_means_lie_inside_the_bounds():
     theta = law.rvs((3_000, 1), random_state=1)
     emulated = stiffness(lambda s: law.logpdf(s) + np.log(s))  # times the prior
     idata, true = sampled(emulated, theta), stiffness(lambda s: -s / 1e3)
-    for seed in range(6):
+    for seed in range(4):
         found = ef.certify(idata, true, 60, seed=seed)
         weighted = found.weights @ found.theta[:, 0] / len(found.theta)
         difference = theta.mean() + weighted - found.theta.mean()
@@ -159,7 +156,7 @@ def test_corrected_means_lie_inside_the_bounds():
             difference = weighted
         assert found.mean[0] == pytest.approx(difference, rel=1e-6)
         assert 1e1 < found.mean[0] and found.mean_error[0] >= 0
-    assert 0 < outside < 6
+    assert 0 < outside < 4
 
 
 # --- the verdict --------------------------------------------------------------------
@@ -305,20 +302,18 @@ def near(s):
     return -0.5 * (np.log(s / 3e4) / 0.4) ** 2
 
 
-def both(s, share=1.0):
-    """Return a density with as much again at 30, or a share of that."""
-    return np.logaddexp(near(s), np.log(share) - 0.5 * (np.log(s / 30.0) / 0.4) ** 2)
+def both(s):
+    """Return a density with as much again at 30."""
+    return np.logaddexp(near(s), -0.5 * (np.log(s / 30.0) / 0.4) ** 2)
 
 
 def test_a_stiffness_over_decades_is_climbed_by_its_logarithm():
     """It was said to grow "without bound towards s = 12", by an exception."""
     theta = stats.lognorm(0.4, scale=3e4).rvs((3_000, 1), random_state=1)
     idata, refused = sampled(stiffness(near), theta), []
+    found = ef.certify(idata, stiffness(near), 60, seed=0)
+    assert found.short == "certified" and "led nowhere" not in str(found)
     for seed in range(4):
-        found = ef.certify(idata, stiffness(near), 60, seed=seed)
-        assert found.short == "certified" and "led nowhere" not in str(found)
-        hardly = stiffness(lambda s: both(s, 3e-3))
-        assert ef.certify(idata, hardly, 60, seed=seed).short == "certified"
         again = ef.certify(idata, stiffness(both), 60, seed=seed)
         refused += [again.verdict] if again.short == "refused" else []
     assert len(refused) >= 2  # by two climbs each

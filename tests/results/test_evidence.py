@@ -82,8 +82,9 @@ def test_independent_draws_of_a_known_ladder_give_its_evidence():
     assert 0.8 < errors[1] / alone < 1.6
 
 
+@pytest.mark.slow
 def test_the_error_is_the_spread_also_of_few_ensembles():
-    """The larger of two errors would be 1.25 times too large with two ensembles."""
+    """The law of errors: the larger of two would be 1.25 times too large with two."""
     found = [
         ef.log_evidence([ladder(independent(120, (k, e))) for e in range(2)])
         for k in range(60)

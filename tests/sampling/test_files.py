@@ -255,11 +255,6 @@ LAWS = {"a": stats.norm(0, 1), "b": stats.uniform(-3, 6)}
 STARTS = [0.3 * posed().start(12, seed=seed) for seed in (1, 2)]
 
 
-def with_prior(sd=1.0, bounds=((-4.0, 4.0),) * 2):
-    prior = ef.GaussianPrior(["a", "b"], [0.0, 0.0], sd, bounds)
-    return {"posterior": posed(prior=prior)}
-
-
 def with_laws(**laws):
     return {"posterior": posed(prior=ef.IndependentPrior(LAWS | laws))}
 
@@ -270,29 +265,15 @@ def with_covariance(off):
     return {"posterior": posed(term=term, model=model)}
 
 
-def with_moves(share=0.9, **options):
-    stretch = emcee.moves.StretchMove(**options)
-    return {"moves": [(ef.DEMCMove(), share), (stretch, 1 - share)]}
-
-
-def strain(parameters, response):
-    """The term, of which nobody knows what was measured."""
-    return Gaussian()(parameters, response)
+def with_moves(share=0.9):
+    return {"moves": [(ef.DEMCMove(), share), (ef.DEMCMove(sigma=0.1), 1 - share)]}
 
 
 CHANGES = {  # what was run, what is asked for, and what the message names
     "data": ({}, {"posterior": posed(Gaussian(DATA + [0, 0, 0.01]))}, "strain.*0.31"),
-    "observed": (
-        {"posterior": posed(strain)},
-        {"posterior": posed()},
-        "strain.*absent",
-    ),
     "covariance": (with_covariance(0.1), with_covariance(-0.1), "frequency"),
-    "prior": ({}, with_prior(sd=1.01), "prior.*1.01"),
-    "bounds": ({}, with_prior(bounds=[(-4, 4), (-4, 5)]), "bounds.*b.*5"),
     "law": (with_laws(), with_laws(a=stats.norm(0, 2)), "prior.*norm.0, 2"),
     "moves": ({}, {"moves": ef.DEMCMove(sigma=0.1)}, "moves.*sigma.*0.1"),
-    "splits": (with_moves(), with_moves(nsplits=4), "nsplits.*4"),
     "weights": (with_moves(), with_moves(0.8), "0.8"),
     "auto": ({}, {"moves": "auto"}, "moves.*auto"),
     "seed": ({}, {"seed": 2}, "seed.*1.*2"),
@@ -318,7 +299,6 @@ def test_another_run_is_refused_by_every_entry_that_differs(path, what):
     [
         ("anneal", {"seed": 2}, "seed.*1.*2"),
         ("anneal", {"size": 100}, "size.*80.*100"),
-        ("anneal", {"posterior": posed(Gaussian(sd=0.2))}, "strain"),
         pytest.param("emulate", {"seed": 2}, "seed.*1.*2", marks=SLOW),
     ],
 )
@@ -446,13 +426,10 @@ def test_the_counts_of_failures_and_their_limit_go_on_after_a_resume(path):
     assert ef.diagnose(samplers).failures == ef.diagnose(whole).failures
 
 
-@pytest.mark.parametrize("kind", [sampled, annealed])
-def test_what_a_failure_stopped_goes_on_with_reject(path, kind):
-    starts = np.random.default_rng(0).uniform(0.9, 1.0, (2, 12, 2))
-    options = {"starts": starts} if kind is sampled else {}
+def test_what_a_failure_stopped_goes_on_with_reject(path):
     with pytest.raises(ArithmeticError):
-        kind(path, on_failure="raise", **options)
-    assert bits(kind(path, **options)) == bits(kind(None, **options))
+        annealed(path, on_failure="raise")
+    assert bits(annealed(path)) == bits(annealed(None))
 
 
 def test_memory_does_not_hold_the_steps(path):

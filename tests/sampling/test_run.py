@@ -6,7 +6,9 @@ import emcee
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy import stats
 from support.calibration import shorten_search
+from support.free_posterior import box, free_posterior
 
 import emcee_femu as ef
 
@@ -70,7 +72,9 @@ def test_all_samples_stay_inside_the_bounds_and_start_over_dispersed():
 
 def test_the_default_is_auto_with_four_ensembles_of_enough_walkers(monkeypatch):
     shorten_search(monkeypatch)
-    samplers = ef.run(PROBLEM.posterior, steps=1, seed=1)
+    law = stats.norm(np.arange(5.0) - 2, 0.5)
+    known = free_posterior(lambda x: law.logpdf(x).sum(axis=1), box(-4.0, 4.0, 5))
+    samplers = ef.run(known, steps=1, seed=1)
     assert [sampler.nwalkers for sampler in samplers] == [20] * 4
     assert samplers.search.climbs > 0
     ladder = ef.moves.TemperedMove(ef.DEMCMove(), [1, 0.5])

@@ -28,7 +28,7 @@ from support.printed import unwrapped
 import emcee_femu as ef
 
 SLOW = pytest.mark.slow
-GRID = np.stack(np.meshgrid(*[np.linspace(-3.0, 3.0, 241)] * 2), axis=-1).reshape(-1, 2)
+GRID = np.stack(np.meshgrid(*[np.linspace(-3.0, 3.0, 121)] * 2), axis=-1).reshape(-1, 2)
 ALL = {"seed": 1, "tolerance": 0.0}  # all solves are spent
 
 
@@ -80,7 +80,7 @@ def bent_slopes(x):
 # --- what it finds ----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("derivatives", [False, True])
+@pytest.mark.parametrize("derivatives", [False, pytest.param(True, marks=SLOW)])
 def test_a_conjugate_posterior_is_known_exactly_after_two_batches(derivatives):
     posterior = sloped(linear, lambda x: DESIGN) if derivatives else posed(linear)
     emulated = ef.emulate(posterior, 60, seed=1)
@@ -113,10 +113,10 @@ def support(x):
     return np.sqrt(e) * np.array([3 + 2 * fixed, 9 + 1.5 * fixed**1.5, 17 + fixed])
 
 
-@pytest.mark.parametrize(
-    ("beam", "solves"), [({}, 12), pytest.param({"e": (0.5, 1.5)}, 22, marks=SLOW)]
-)
+@SLOW
+@pytest.mark.parametrize(("beam", "solves"), [({}, 12), ({"e": (0.5, 1.5)}, 22)])
 def test_a_spring_over_six_decades_takes_few_solves(beam, solves):
+    """The law of logarithms: of a prior over decades the response is a sigmoid."""
     prior = ef.IndependentPrior(beam | {"k": stats.loguniform(1e3, 1e9)})
     term = Gaussian(np.array([4.0, 9.6, 17.4]), 0.04)
     emulated = ef.emulate(posed(support, term=term, prior=prior), solves, seed=1)
@@ -220,9 +220,10 @@ def test_a_sharp_posterior_is_reached_in_stages():
 # --- logarithms and coordinates -----------------------------------------------------
 
 
+@SLOW
 @pytest.mark.parametrize("function", [np.log, np.array])
 def test_logarithms_are_taken_where_they_leave_smaller_errors(function):
-    """Of values and derivatives."""
+    """The law of the choice of coordinates, of values and derivatives."""
     logs = function is np.log
     bounds, middle = [(1.0, 6.0), (10.0, 60.0)], np.array([3.0, 30.0])
     prior = ef.GaussianPrior(["a", "b"], middle, 0.3 * middle, bounds)
