@@ -82,15 +82,3 @@ def test_a_prompt_and_a_notebook_show_what_print_shows():
     noisy = ef.FrequencyTerm([3.0, 9.0], discrepancy="noise")
     for thing, part in ((frame, "frequency [1]"), (noisy, "noise")):
         assert part in repr(thing) and "0x" not in repr(thing)
-
-
-def test_a_wide_table_is_printed_in_blocks_with_the_names_of_the_rows():
-    columns = [(f"quantity {i}", ".3f", [i + 0.125, i + 0.25]) for i in range(12)]
-    table = Table.from_columns("Wide", [("name", "", ["first", "second"]), *columns])
-    assert table.width > 80
-    title, *lines = str(table).splitlines()
-    assert title == "Wide" and max(map(len, lines)) <= 80
-    cells = [line.split() for line in lines if not line.startswith("-")]
-    for name, shift in (("first", 0.125), ("second", 0.25)):
-        values = [cell for row in cells if row[0] == name for cell in row[1:]]
-        assert values == [f"{i + shift:.3f}" for i in range(12)]

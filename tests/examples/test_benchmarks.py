@@ -5,7 +5,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from scipy import integrate, stats
 from support.examples import load
 
 
@@ -124,28 +123,13 @@ def test_few_solves(monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_cluster_scaling(capsys):
-    """A simulated cluster has the closed forms."""
+    """The law of a simulated cluster: closed forms."""
     scaling = load("cluster_scaling")
-    *tables, measured = scaling.main(most=8, solve=1e-3)
-    shown = capsys.readouterr().out
-    assert all(str(table) in shown for table in (*tables, measured))
-    assert measured.column("workers") == [2]
-    for table in tables:
-        assert table.column("workers") == [1, 2, 8]
-        for row in table.rows:
-            assert (np.diff(row[1:]) > -1).all()  # a larger ensemble is used better
+    measured = scaling.main(most=8, solve=1e-3)[-1]
+    assert str(measured) in capsys.readouterr().out
     for workers, jobs in [(1, 5), (4, 5), (7, 30), (1_000, 1_500)]:  # equal times
         expected = jobs / (workers * -(-jobs // workers))
         assert scaling.efficiency(workers, jobs, 0.0) == pytest.approx(expected)
-    # One job a worker: the mean time over the expected longest one.
-    sigma = np.sqrt(np.log1p(0.5**2))
-    law = stats.lognorm(sigma, scale=np.exp(-0.5 * sigma**2))
-    for n in (2, 200):
-        longest, _ = integrate.quad(
-            lambda t, n=n: -np.expm1(n * law.logcdf(t)), 0, 60, limit=200
-        )
-        found = scaling.efficiency(n, n, 0.5, repeats=4_000)
-        assert found == pytest.approx(1 / longest, rel=0.03)
     # A master that hands out nothing else: its own time is the limit.
     limited = scaling.efficiency(1_000, 4_000, 0.0, dispatch=0.1)
     assert limited == pytest.approx(4_000 / (1_000 * (4_000 * 0.1 + 1)))
@@ -158,33 +142,9 @@ def test_curved_posteriors(monkeypatch, capsys):
     module = load("curved_posteriors")
     module.main()
     assert "springs" in capsys.readouterr().out
-    for problem, _, nwalkers, _ in module.PROBLEMS.values():
-        posterior, truth = problem(1)
-        assert nwalkers >= max(20, 2 * posterior.ndim)  # what emcee asks for
-        assert set(truth) <= set(posterior.names)
-        theta = posterior.prior.sample(np.random.default_rng(1), 2)
-        assert np.isfinite(posterior(theta)).all()
 
 
 # --- large models -----------------------------------------------------------------
-
-
-def test_a_solid_has_its_mass_and_strain_energy():
-    module = load("large_model")
-    M, parts = module.solid(750)
-    above = module.SIZES[2] * np.arange(1, 11) / 10  # the foot is held
-    density, volume = module.RHO, module.SIZES.prod()
-    for axis in range(3):  # lumped: half of the lowest layer is at the foot
-        unit = np.tile(np.eye(3)[axis], 250)
-        assert unit @ M @ unit == pytest.approx(density * volume * 19 / 20)
-        stretched = np.repeat(above, 25)[:, None] * np.eye(3)[axis]  # a strain of one
-        lame = module.E * module.NU / ((1 + module.NU) * (1 - 2 * module.NU))
-        shear = module.E / (2 * (1 + module.NU))
-        modulus = shear if axis < 2 else lame + 2 * shear
-        energy = [stretched.ravel() @ K @ stretched.ravel() for K in parts.values()]
-        assert sum(energy) == pytest.approx(modulus * volume)
-        shares = np.array([3, 3, 2, 2]) / 10  # layers of each quarter
-        np.testing.assert_allclose(energy, modulus * volume * shares)
 
 
 @pytest.mark.slow

@@ -75,9 +75,6 @@ def test_intervals_and_initial_values_are_deviations_in_percent():
     shown, (low, high) = drawn_intervals(axes)[0], axes.get_ylim()
     assert {text.get_text()[-5:] for text in axes.texts} == {"+60 %", "-70 %"}
     assert -70 < low < shown.min() and shown.max() < high < 60
-    # A prior mean that cannot be solved is left out.
-    axes = ef.figures.plot_predictive(modal(initial=np.full(3, np.nan))[0]).axes[0]
-    assert not axes.texts and not len(diamonds(axes))
 
 
 def test_another_quantity_is_drawn_in_its_unit_at_its_coordinates():

@@ -54,15 +54,6 @@ def middles(n):
     return [np.kron(np.eye(2), A) for A in (line, line @ line, B.T @ B)], 0
 
 
-def near(gap):
-    """Return triples with relative gaps, in units that are mixed by reflections."""
-    values = np.ravel(np.outer(np.arange(1, 41) ** 2.0, [1, 1 + gap, 1 - gap]))
-    v = np.sqrt(np.arange(120.0) % 7 + 1)
-    mirror = np.eye(120) - 2 * np.outer(v, v) / (v @ v)
-    K = (mirror * values) @ mirror
-    return [K, np.zeros((120, 120)), np.eye(120)], 0
-
-
 def alike(n):
     """Return a pencil whose modes are all equal, but five."""
     m = np.random.default_rng(4).uniform(0.5, 2.0, n)
@@ -79,9 +70,6 @@ STRUCTURES = {
     "cube, clamped": cube(5, free=False),
     "cube, free": cube(3, free=True),
     "singular mass": middles(70),
-    "gaps of 1e-4": near(1e-4),
-    "gaps of 1e-8": near(1e-8),
-    "gaps of 1e-12": near(1e-12),
     "all alike": alike(90),
 }
 

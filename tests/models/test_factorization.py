@@ -9,7 +9,6 @@ from ctypes import byref, c_int
 import numpy as np
 import pytest
 from scipy import sparse
-from support.examples import load
 
 import emcee_femu as ef
 from emcee_femu.models.factorization import factor_indefinite
@@ -169,19 +168,6 @@ def test_threads_have_factors_of_their_own(pardiso):
     expected = [solve(k) for k in values]
     with ThreadPoolExecutor(4) as executor:
         np.testing.assert_array_equal([*executor.map(solve, values)], expected)
-
-
-def test_the_number_of_threads_changes_no_bit(pardiso):
-    M, parts = load("large_model").solid(6_000)
-    model = ef.StaticModel(sum(parts.values()), {"weight": M.diagonal()}, {})
-    try:
-        solutions = []
-        for threads in (1, 2):
-            pardiso.libmkl.MKL_Set_Num_Threads_Local(threads)
-            solutions.append(model({})["displacement"])
-    finally:
-        pardiso.libmkl.MKL_Set_Num_Threads_Local(0)  # as many as before
-    np.testing.assert_array_equal(*solutions)
 
 
 def test_a_model_that_was_solved_is_sent_to_other_processes(pardiso):

@@ -202,28 +202,22 @@ def test_the_bounds_of_the_verdict(exact, verdict, change):
 
 
 def test_a_chain_that_has_not_converged_is_refused_unless_it_is_but_short():
-    """Fault 17: walkers apart, parts, rare excursions, one that never moved."""
-    true, theta = posterior(TRUE), draws(TRUE, 8_000, 1)
-    apart, parts, lobe = theta[:6_000].copy(), theta[:2_000].copy(), theta[:400].copy()
+    """Fault 17: walkers apart, parts, rare excursions."""
+    true, theta = posterior(TRUE), draws(TRUE, 6_000, 1)
+    apart, parts, lobe = theta.copy(), theta[:2_000].copy(), theta[:400].copy()
     apart[::2, 0] += 0.7
     parts[::2] += 1.5
     lobe[200, 0] = 11.0  # a place that is met once, and holds much of the variance
-    still, ensembles = (theta.reshape(2, 200, 20, 3).copy() for _ in range(2))
-    still[0, :, 3] = still[0, 0, 3]
-    ensembles[1] += 1.5
     for chain, walkers, reason in (
         (apart, 4, "walkers stay apart"),
         (lobe, 4, "sd unknown"),
         (parts, 2, "several parts"),
-        (still, (20, 2), "several parts"),
-        (ensembles, (20, 2), "several parts"),
     ):
-        idata = sampled(true, chain.reshape(-1, 3), *np.atleast_1d(walkers))
-        found = ef.certify(idata, true, seed=1)
+        found = ef.certify(sampled(true, chain, walkers), true, seed=1)
         assert found.short == "refused" and reason in found.verdict
     short = certify(TRUE, n=7_000, phi=0.99)
     assert ef.diagnose(short).chains.reasons == ("too short",)
-    assert short.faults == () and "too short" in str(short)
+    assert short.faults == ()
     short = certify(TRUE, n=2_000, phi=0.99)  # so that squares are not known either
     assert ef.diagnose(short).chains.reasons == ("too short", "sd unknown")
     assert short.short == "refused"

@@ -223,7 +223,6 @@ STRUCTURED = [("step", float), ("twice", float, 2)]
 @pytest.mark.parametrize(
     ("function", "dtype", "names"),
     [  # what a function returns beside its log-probability
-        (lambda x: (x.sum(),), None, ["blob"]),
         (lambda x: (2 * x,), None, ["blob"]),
         (lambda x: (x.sum(), 2 * x), None, ["blob0", "blob1"]),
         (lambda x: (x.sum(), 2 * x), STRUCTURED, ["blob_step", "twice"]),

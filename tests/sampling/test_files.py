@@ -28,7 +28,6 @@ from support.stored import (
     Gaussian,
     annealed,
     bits,
-    emulated,
     posed,
     sampled,
 )
@@ -388,19 +387,6 @@ def test_a_changed_model_is_found_in_any_file(whole, path, count, kind):
     with pytest.raises(ValueError, match="another posterior"):
         KINDS[kind](path)
     assert bits(KINDS[kind](path, probe_tolerance=10.0)) == whole(kind)[1]
-
-
-@SLOW
-def test_a_model_that_changed_at_one_of_few_stored_points_is_found(path, count):
-    """The probe has every point where there are but few, the last ones too."""
-    emulated(path, solves=12)
-
-    def change_one():
-        count["offset"] = 0.01 if count["calls"] == 7 else 0.0
-
-    count.update(calls=0, do=change_one)
-    with pytest.raises(ValueError, match="another posterior|not deterministic"):
-        emulated(path, solves=12)
 
 
 def test_a_solver_that_is_not_deterministic_is_told_apart(path):

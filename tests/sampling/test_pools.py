@@ -302,42 +302,6 @@ def test_a_pool_that_waits_for_ever_for_the_dead_is_refused_with_a_remedy():
 # --- scripts ----------------------------------------------------------------------
 
 
-UNGUARDED = """
-import multiprocessing, sys
-import numpy as np
-from support.pool_problems import posterior_of, sample
-
-if len(sys.argv) > 1:
-    multiprocessing.set_start_method(sys.argv[1], force=True)
-
-def solver(p):
-    return [p["k"], 2 * p["m"]]
-
-posterior = posterior_of(solver)
-one, other = (sample(posterior=posterior, workers=n)[0].get_chain() for n in (2, None))
-print(np.allclose(one, other, rtol=1e-9))
-"""
-
-
-@SLOW
-@pytest.mark.parametrize("method", [pytest.param((), marks=inherits), ("spawn",)])
-def test_a_script_needs_no_guard_where_processes_fork_and_else_asks_for_it(
-    tmp_path, method
-):
-    """As a file, a command and standard input."""
-    path = tmp_path / "unguarded.py"
-    path.write_text(UNGUARDED)
-    ways = (str(path), *method), ("-c", UNGUARDED, *method), ("-", *method)
-    scripts = [start_script(way) for way in ways]
-    pairs = zip(scripts, (None, None, UNGUARDED), strict=True)
-    file, command, prompt = (s.communicate(text, timeout=HANGS) for s, text in pairs)
-    assert command == ("True\n", "")  # it has no file that workers would import
-    if not method:
-        assert file == prompt == ("True\n", "")
-    else:
-        assert "__main__" in file[1] and prompt[1] and file[0] == prompt[0] == ""
-
-
 STUCK = """
 import multiprocessing, sys
 from concurrent.futures import ProcessPoolExecutor

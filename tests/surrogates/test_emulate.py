@@ -429,19 +429,3 @@ def test_what_is_no_derivative_is_an_error():
     )
     with pytest.raises(TypeError, match="jacobian.*'y'"):
         ef.emulate(ef.LogPosterior(lacks, whole.terms, PRIOR), 14, seed=1)
-
-
-@SLOW
-def test_with_derivatives_a_file_is_gone_on_with_to_the_bit(tmp_path):
-    """Three emulators."""
-    whole = ef.emulate(sloped(bent, bent_slopes), 7, **ALL)
-    options = ALL | {"backend": str(tmp_path / "run.solves")}
-    ef.emulate(sloped(bent, bent_slopes), 5, **options)
-    options["resume"] = True
-    with pytest.raises(ValueError, match="derivatives"):
-        ef.emulate(sloped(bent, bent_slopes), 9, derivatives=False, **options)
-    with pytest.raises(ValueError, match="y by parameter"):
-        ef.emulate(sloped(bent, lambda x: bent_slopes(x) * 1.01), 7, **options)
-    again = ef.emulate(sloped(bent, bent_slopes), 7, **options)
-    theta = PRIOR.sample(np.random.default_rng(1), 5)
-    assert_array_equal(again.posterior(theta), whole.posterior(theta))
