@@ -274,6 +274,19 @@ def progress_bar(progress: bool | str, total: int, text: str) -> Any:
     return get_progress_bar(progress, total, desc=text)
 
 
+def caption(bar: Any, text: str) -> None:
+    """Say beside a bar how far a run is; emcee's empty bar cannot."""
+    if show := getattr(bar, "set_description", None):
+        show(text)
+
+
+def complete(bar: Any) -> None:
+    """Let a bar end where what it shows has, before it was full."""
+    if total := getattr(bar, "n", None):  # of tqdm
+        bar.total = total
+        bar.refresh()
+
+
 def _on_terminal() -> bool:
     return sys.stderr is not None and sys.stderr.isatty()
 
@@ -299,6 +312,11 @@ class _Lines:
             done = f"{100 * self.count // self.total}% {self.count}/{self.total}"
             seconds = time.perf_counter() - self.started
             print(f"{self.text}: {done}, {seconds:.0f} s", file=sys.stderr)
+
+    def set_description(self, text: str) -> None:
+        """Print how far a run is."""
+        seconds = time.perf_counter() - self.started
+        print(f"{text}: {self.count:,} solves, {seconds:.0f} s", file=sys.stderr)
 
 
 class Turn(EvaluationPool):

@@ -81,6 +81,7 @@ class AssembledModel:
             raise TypeError(f"assemble: expected a callable, got {assemble!r}")
         self.assemble, self.names = assemble, checks.parameter_names("names", names)
         self.n_modes = checks.whole_number("n_modes", n_modes, 1)
+        self.modes = tuple(range(1, self.n_modes + 1))
         self.skip = checks.whole_number("skip", skip)
         if shapes is True:
             raise TypeError(
@@ -171,7 +172,7 @@ class AssembledModel:
         diagonals = (A[0].diagonal()[None] for A in (K, M))
         if issparse(K[0]) or (self._output is None and find_blurred(*diagonals)[0]):
             K, M = ([csc_array(unit) for unit in units] for units in (K, M))
-            wanted = self.n_modes, self.skip, self.shape_dofs
+            wanted = self.modes, self.skip, self.shape_dofs
             problem = SparseEigenproblem(K, M, *wanted, label)
         else:
             selected, output = self.skip + np.arange(self.n_modes), self._output

@@ -1,6 +1,7 @@
 """What multiplies the matrices of a model: parameters, or functions of them."""
 
 import inspect
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -11,7 +12,14 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..contracts import Floats, Parameters
-from .inputs import Matrix, describe, read_batch, read_matrix
+from .inputs import (
+    Matrix,
+    check_positive,
+    columns,
+    describe,
+    read_batch,
+    read_matrix,
+)
 
 # Of a parameter's value: the differences are exact up to fourth powers.
 COEFFICIENT_STEP = 1e-3
@@ -25,15 +33,14 @@ Coefficient: TypeAlias = tuple[tuple[str, ...], Function | None]
 
 
 @dataclass(frozen=True)
-class Power:
-    """A parameter to a power, as exports at several values of it show."""
+class Product:
+    """A product of parameters, one as often as its power says."""
 
-    name: str
-    exponent: int
+    names: tuple[str, ...]
 
     def __call__(self, **values: Floats) -> Floats:
-        """Return the power of its parameter."""
-        return np.asarray(values[self.name] ** self.exponent)
+        """Return the product."""
+        return np.asarray(math.prod(values[name] for name in self.names))
 
 
 @dataclass(frozen=True)
@@ -43,9 +50,11 @@ class Coefficients:
     Attributes:
         parts: For each sum ``{label: (arguments, function)}``; without a function the
             label is the parameter.
+        positive: What all parameters are that must be above zero, "" for any.
     """
 
     parts: tuple[Mapping[str, Coefficient], ...]
+    positive: str = ""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -57,16 +66,18 @@ class Coefficients:
         """Return the coefficients ``(n, n_units)`` of each sum; what names a set.
 
         Raises:
-            ValueError: If a parameter is missing, or a function does not return n
-                finite numbers.
+            ValueError: If a parameter is missing, or not above zero where it must be,
+                or a function does not return n finite numbers.
         """
         values, n = read_batch(parameters, self.names)
-        columns = [
+        if self.positive:
+            check_positive(columns(values, self.names, n), self.names, self.positive)
+        rows = [
             np.array([_evaluate(label, part[label], values, n) for label in part])
             for part in self.parts
         ]
         where = partial(describe, values, self.names)
-        return *(each.reshape(-1, n).T for each in columns), where
+        return *(each.reshape(-1, n).T for each in rows), where
 
     def slopes(self, parameters: Parameters) -> dict[str, tuple[Floats, ...]]:
         """Return how they change with each parameter, ``(n, n_units)`` of each sum."""
@@ -144,8 +155,8 @@ def _evaluate(label: str, factor: Coefficient, values: Parameters, n: int) -> Fl
 
 def _read_arguments(where: str, function: Function) -> tuple[str, ...]:
     """Return the parameters of a function: its arguments without a default."""
-    if isinstance(function, Power):
-        return (function.name,)
+    if isinstance(function, Product):
+        return tuple(dict.fromkeys(function.names))
     try:
         arguments = [*inspect.signature(function).parameters.values()]
     except (TypeError, ValueError):  # no function, or one of C that tells none

@@ -89,7 +89,7 @@ class SparseEigenproblem:
     Args:
         K: Stiffness matrices: K0, then those of unit coefficients, each ``(N, N)``.
         M: Mass matrices, likewise.
-        n_modes: How many elastic modes to return.
+        modes: Which elastic modes to return, 1 = the lowest, ascending.
         skip: Number of rigid-body modes below them, checked at each solve.
         dofs: Where mass-normalised shapes are wanted; empty for none.
         label: What M0 is called in a message.
@@ -106,12 +106,13 @@ class SparseEigenproblem:
         self,
         K: Sequence[csc_array],
         M: Sequence[csc_array],
-        n_modes: int,
+        modes: Sequence[int],
         skip: int = 0,
         dofs: Sequence[int] = (),
         label: str = "M0",
     ) -> None:
-        self.K, self.M, self.n_modes, self.skip = tuple(K), tuple(M), n_modes, skip
+        self.K, self.M, self.skip = tuple(K), tuple(M), skip
+        self.modes = np.array(modes)
         self.dofs = np.array(dofs, dtype=np.intp)
         self.stiffness, self.mass = SparseSum(K), SparseSum(M)
         if len(M) == 1:
@@ -133,7 +134,7 @@ class SparseEigenproblem:
         ``slopes`` say how ``k`` and ``m`` change with each parameter. Whether the last
         mode coincides with one above it is seen only where shapes are wanted.
         """
-        n, count, dofs = len(k), self.n_modes, self.dofs
+        n, count, dofs = len(k), int(self.modes[-1]), self.dofs
         frequencies = np.empty((n, count))
         shapes = np.empty((n, len(dofs), count))
         changes = np.empty((len(slopes), n, count))
@@ -149,6 +150,9 @@ class SparseEigenproblem:
                 at = at_row(slopes, i)
                 changes[:, i], turns[:, i] = self._differentiate(K, M, modes, at, where)
         changes /= 8 * np.pi**2 * frequencies
+        frequencies, shapes, changes, turns = (
+            each[..., self.modes - 1] for each in (frequencies, shapes, changes, turns)
+        )
         derivatives = {"frequency": dict(zip(slopes, changes, strict=True))}
         if len(dofs):
             derivatives["shapes"] = dict(zip(slopes, turns, strict=True))

@@ -13,7 +13,7 @@ from scipy.sparse import csc_array, diags_array, issparse
 from .. import checks
 from ..measurements.modes import along_axis
 from ..table import Parts, Report
-from .coefficients import Power, Unit
+from .coefficients import Product, Unit
 from .geometry import Geometry
 from .inputs import Matrix, read_matrix
 
@@ -191,7 +191,7 @@ def fit_polynomials(
                 if power == 1:
                     units[part][name] = unit
                 else:
-                    units[part][f"{name}^{power}"] = unit, Power(name, power)
+                    units[part][f"{name}^{power}"] = unit, Product((name,) * power)
     return {part: keep(_drop(constants[part], first[part])) for part in first}, units
 
 

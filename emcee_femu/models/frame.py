@@ -1,4 +1,4 @@
-"""3-D Euler-Bernoulli frames: sections, elements, assembly and supports.
+"""3-D Euler-Bernoulli frames: sections, bars, point masses, springs and supports.
 
 DOFs of an element: (ux, uy, uz, rx, ry, rz) of its first node, then of its second, in
 local axes: x along the bar, y along the part of the orientation vector normal to it.
@@ -9,37 +9,20 @@ rotary inertia of bending).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csc_array
+from scipy.sparse import coo_array, csc_array
 
 from .. import checks
-from ..contracts import (
-    Derivatives,
-    Floats,
-    ModalSolution,
-    Parameters,
-    modal_variables,
-    show_declared,
-)
-from .eigen_dense import Eigenproblem
-from .eigen_sparse import SparseEigenproblem
+from ..contracts import Floats
+from .coefficients import Product, Unit
 from .geometry import Geometry
-from .inputs import (
-    Dofs,
-    Weights,
-    check_positive,
-    choose_dofs,
-    columns,
-    describe,
-    read_batch,
-)
+from .inputs import Dofs
+from .matrix import AffineModel
 
 DOFS = ("ux", "uy", "uz", "rx", "ry", "rz")
 AXIAL, TORSION = [0, 6], [3, 9]
@@ -49,13 +32,22 @@ ROTATION_SIGNS = np.outer([1.0, -1.0, 1.0, -1.0], [1.0, -1.0, 1.0, -1.0])
 
 MOST_DENSE = 200  # DOFs, above which a sparse solve is the faster one
 
-Element = tuple[int, int, str]
-Term: TypeAlias = tuple[float | str, ...]  # properties whose product varies
+Property: TypeAlias = float | str | tuple[float, str]
+Offset: TypeAlias = Sequence[float] | None
+Element: TypeAlias = tuple[int, int, str] | tuple[int, int, str, tuple[Offset, Offset]]
+Mass: TypeAlias = tuple[Any, ...]  # node, mass, offset, inertia; the last two may lack
+Spring: TypeAlias = tuple[int, int | None, Mapping[str, Property]]
+Term: TypeAlias = tuple[str, ...]  # the parameters whose product multiplies a matrix
+# What is added to the matrix of each term: numbers of DOFs (m,), entries (m, m).
+Pieces: TypeAlias = dict[Term, list[tuple[NDArray[np.intp], Floats]]]
 
 
 @dataclass(frozen=True)
 class Section:
-    """Properties of a bar; each is a number, or the name of a parameter.
+    """Properties of a bar.
+
+    Each is a number, the name of a parameter, or ``(number, name)``: the number times
+    the parameter, for a factor on a nominal value.
 
     Args:
         E: Young's modulus, N/m2.
@@ -66,65 +58,84 @@ class Section:
         Iz: Second moment of area that resists displacement along local y, m4.
         orientation: A vector whose part normal to the bar is local y; local x runs
             along the bar. The default is global z.
+        Ip: What resists twisting by its inertia, m4; None for Iy + Iz. Give it where Iy
+            or Iz are factors of a stiffness, and no mass changes with them.
 
     Raises:
-        TypeError: If a property is neither a real number nor a name.
+        TypeError: If a property is of none of these forms.
         ValueError: If a number is not above zero, or orientation is not (3,) or zero.
 
     Examples:
         >>> from emcee_femu import Section
-        >>> bar = Section(E="E", GJ=700.0, rho=2700.0, A=3e-4, Iy=2e-9, Iz="Iz")
+        >>> bar = Section(E="E", GJ=700.0, rho=2700.0, A=3e-4, Iy=2e-9, Iz=(2e-9, "f"))
         >>> sorted(bar.parameters)
-        ['E', 'Iz']
+        ['E', 'f']
     """
 
-    E: float | str
-    GJ: float | str
-    rho: float | str
-    A: float | str
-    Iy: float | str
-    Iz: float | str
+    E: Property
+    GJ: Property
+    rho: Property
+    A: Property
+    Iy: Property
+    Iz: Property
     orientation: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    Ip: Property | None = None
 
     def __post_init__(self) -> None:
         """Check the properties."""
         for name, value in self.properties.items():
-            if not isinstance(value, str):
-                checks.positive_array(name, value, 0)
-            elif not value:
-                raise ValueError(f"{name}: expected a parameter name, got ''")
+            _read_property(name, value)
         vector = checks.real_array("orientation", self.orientation, 1)
         if vector.shape != (3,) or not vector.any():
             raise ValueError(f"orientation: expected (3,), not all zero, got {vector}")
 
     @property
-    def properties(self) -> dict[str, float | str]:
-        """All but the orientation, by name."""
-        return {k: value for k, value in vars(self).items() if k != "orientation"}
+    def properties(self) -> dict[str, Property]:
+        """All but the orientation, by name, Ip if it is given."""
+        left_out = {"orientation", "Ip" if self.Ip is None else ""}
+        return {k: value for k, value in vars(self).items() if k not in left_out}
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """The names of parameters among the properties."""
-        return tuple(v for v in self.properties.values() if isinstance(v, str))
+        read = (_read_property(k, value) for k, value in self.properties.items())
+        return tuple(name for _, names in read for name in names)
 
 
-class FrameModel:
+class FrameModel(AffineModel):
     r"""A frame of straight Euler-Bernoulli elements in space, with consistent mass.
 
     .. math:: K = \sum_e T_e^T (EA\,k_{EA} + GJ\,k_{GJ} + EI_z k_{EI_z}
         + EI_y k_{EI_y}) T_e, \qquad
         M = \sum_e T_e^T (\rho A\,m_{\rho A} + \rho (I_y + I_z)\,m_{\rho I}) T_e
 
-    Each section contributes at most four stiffness and two mass matrices, assembled
-    once; a batch of parameter sets is then a matrix product. Above 200 free DOFs each
-    set is solved by itself, with sparse matrices. In a plane frame supports hold uz, rx
-    and ry of every node.
+    and of point masses and springs. A property is a number, the name of a parameter, or
+    ``(number, name)``, the number times the parameter.
+
+    K and M are **affine in products of parameters**: each parameter, and each product
+    that occurs, as E I where both are parameters, multiplies a matrix that is assembled
+    once, ``model.K["E"]`` or ``model.K["E * I"]``. So the model is a
+    :class:`MatrixModel` in all else: a batch is solved at once, :func:`reduce_model`
+    takes it, its derivatives are exact. With more than 200 free DOFs, or some without
+    mass, each set is solved by itself, with sparse matrices. In a plane frame supports
+    hold uz, rx and ry of every node.
 
     Args:
         nodes: Coordinates in m, ``(n_nodes, 3)``.
-        elements: ``(node, node, section name)`` each; nodes count from 0.
+        elements: ``(node, node, section name)`` each; nodes count from 0. With a fourth
+            entry, ``(offset, offset)``, the ends of the bar are held by rigid arms:
+            vectors in m from either node to its end, in global axes, or None.
         sections: ``{name: Section}``.
         supports: ``{node: held DOFs}`` out of ux uy uz rx ry rz; ``"all"`` holds six.
+        masses: ``(node, mass)``, ``(node, mass, offset)`` or ``(node, mass, offset,
+            inertia)`` each: kg; m from the node to the centre of mass, on a rigid arm;
+            and the moments of inertia about axes through it that are parallel to the
+            global ones, kg m2, each a number or a property. Negative masses, as of what
+            a test has taken off, are not to be had so.
+        springs: ``(node, node, {direction: stiffness})`` each, directions out of ux uy
+            uz rx ry rz in global axes, N/m or N m; None for the second node is the
+            ground. The spring is where the first node is. If the second is elsewhere, a
+            rigid arm joins it, so that rigid motions strain nothing.
         n_modes: How many elastic modes to return, the lowest; or give
         modes: Which elastic modes to return, 1 = the lowest, ascending.
         skip: Number of rigid-body modes, checked at each solve (6 for free-free).
@@ -133,20 +144,26 @@ class FrameModel:
             as in ``"3:uy"``; ``model.dofs`` are all that are free.
 
     Raises:
-        TypeError: If not exactly one of n_modes and modes is given.
-        ValueError: If nodes, elements, sections or supports do not fit together.
-            When called: if a property is not above zero, or the number of rigid-body
-            modes is not skip.
+        TypeError: If not exactly one of n_modes and modes is given, or an argument is
+            not of the form described.
+        ValueError: If nodes, elements, sections, masses, springs or supports do not fit
+            together. When called: if a parameter is not above zero, or the number of
+            rigid-body modes is not skip.
 
     Examples:
         >>> import numpy as np
         >>> from emcee_femu import FrameModel, Section
-        >>> bar = Section(E=7e10, GJ=700, rho=2700, A=3e-4, Iy=2e-9, Iz="Iz")
+        >>> bar = Section(E=7e10, GJ=700, rho=2700, A=3e-4, Iy=2e-9, Iz=(1e-8, "bend"))
         >>> points = [(x, 0, 0) for x in np.linspace(0, 1, 9)]
-        >>> beam = FrameModel(points, [(i, i + 1, "bar") for i in range(8)],
-        ...                   {"bar": bar}, {0: "all"}, n_modes=2)
-        >>> beam({"Iz": np.array([1e-8, 2e-8])}).frequencies.round(2).tolist()
-        [[7.36, 16.45], [7.36, 23.26]]
+        >>> bars = [(i, i + 1, "bar") for i in range(8)]
+        >>> tip = [(8, (0.1, "tip"), (0.05, 0, 0))]  # kg, 50 mm beyond the end
+        >>> beam = FrameModel(points, bars, {"bar": bar}, {0: "all"}, masses=tip,
+        ...                   n_modes=2)
+        >>> beam.names, [*beam.K]
+        (('bend', 'tip'), ['bend'])
+        >>> at = {"bend": np.array([1.0, 2.0]), "tip": np.array([1.0, 1.0])}
+        >>> beam(at).frequencies.round(2).tolist()
+        [[5.86, 13.11], [5.86, 18.51]]
     """
 
     def __init__(
@@ -156,6 +173,8 @@ class FrameModel:
         sections: Mapping[str, Section],
         supports: Mapping[int, str | Iterable[str]] | None = None,
         *,
+        masses: Sequence[Mass] = (),
+        springs: Sequence[Spring] = (),
         n_modes: int | None = None,
         modes: Sequence[int] | None = None,
         skip: int = 0,
@@ -165,112 +184,209 @@ class FrameModel:
         if points.shape[1] != 3 or len(points) < 2:
             raise ValueError(f"nodes: expected (n_nodes >= 2, 3), got {points.shape}")
         free = _find_free_dofs(len(points), supports)
-        _check_elements(len(points), elements, sections)
-        lines = [(first, second) for first, second, _ in elements]
-        self.geometry = Geometry(dict(enumerate(points)), lines)
         skip = checks.whole_number("skip", skip)
-        self.modes = _choose_modes(n_modes, modes, skip, len(free))
-        self.n_modes, self.sections = len(self.modes), dict(sections)
-        self.dofs = tuple(f"{i // 6}:{DOFS[i % 6]}" for i in free.tolist())
-        chosen = choose_dofs("shapes", shapes, self.dofs)
-        self.shape_dofs = tuple(self.dofs[place] for place in chosen.values())
-        self.variables = modal_variables(self.n_modes, tuple(chosen))
-        named = [name for section in sections.values() for name in section.parameters]
-        self.names = tuple(dict.fromkeys(named))
-        self.bounds = dict.fromkeys(self.names, (0.0, np.inf))
-        K, M = _assemble(points, elements, sections, free)
-        self._terms = [*K][1:], [*M][1:]
-        places = list(chosen.values())
-        self._problem: Eigenproblem | SparseEigenproblem
-        if len(free) > MOST_DENSE and self.modes[-1] == self.n_modes:
-            Ks, Ms = ([*map(csc_array, A.values())] for A in (K, M))
-            self._problem = SparseEigenproblem(Ks, Ms, self.n_modes, skip, places)
-        else:
-            self._problem = Eigenproblem(
-                np.array([*K.values()]),
-                np.array([*M.values()]),
-                np.array(self.modes) + skip - 1,
-                skip,
-                np.eye(len(free))[places],
-            )
-
-    __repr__ = show_declared
-
-    def __call__(self, parameters: Parameters) -> ModalSolution:
-        """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""
-        return self._problem.solve(*self._read(parameters)[1])
-
-    def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
-        """Return the response and its derivatives by all parameters, from one solve.
-
-        Exact also where one parameter multiplies another, as E and A do, or is in
-        several sections: the matrices are affine in the products.
-
-        Raises:
-            ValueError: As a call does, or if modes coincide that part as a parameter
-                changes; see :meth:`MatrixModel.jacobian`.
-        """
-        values, (k, m, where) = self._read(parameters)
-
-        def derive(terms: Sequence[Term], name: str) -> Floats:
-            """Return how products of properties change with one, ``(n, n_terms)``."""
-            slopes = np.zeros((len(k), len(terms)))
-            for number, term in enumerate(terms):
-                for i, factor in enumerate(term):
-                    if factor == name:
-                        others = term[:i] + term[i + 1 :]
-                        slopes[:, number] += _multiply(others, values)
-            return slopes
-
-        in_K, in_M = self._terms
-        slopes = {name: (derive(in_K, name), derive(in_M, name)) for name in self.names}
-        return self._problem.jacobian(k, m, slopes, where)
-
-    def _read(self, parameters: Parameters) -> tuple[Parameters, Weights]:
-        """Return the values; coefficients of K and M, and what names a set."""
-        values, n = read_batch(parameters, self.names)
-        check_positive(columns(values, self.names, n), self.names, "section property")
-        k, m = (
-            np.array([_multiply(term, values) for term in terms]).reshape(-1, n).T
-            for terms in self._terms
+        wanted = _choose_modes(n_modes, modes, skip, len(free))
+        K: Pieces = {(): []}
+        M: Pieces = {(): []}
+        used = _add_bars(K, M, points, elements, sections)
+        used |= _add_masses(M, len(points), masses)
+        used |= _add_springs(K, points, springs)
+        alone = {*range(len(points))} - used
+        if alone:
+            raise ValueError(f"nodes: nothing is fixed to {sorted(alone)}")
+        in_K, in_M = (
+            {term: _add_up(each, free, 6 * len(points)) for term, each in part.items()}
+            for part in (K, M)
         )
-        return values, (k, m, partial(describe, values, self.names))
+        massive = sum(A.diagonal() for A in in_M.values()) > 0
+        if len(free) <= MOST_DENSE and np.all(massive):
+            in_K, in_M = (
+                {term: A.toarray() for term, A in part.items()} for part in (in_K, in_M)
+            )
+        super().__init__(
+            in_K.pop(()),
+            in_M.pop(()),
+            _label(in_K),
+            _label(in_M),
+            wanted,
+            skip,
+            shapes,
+            tuple(f"{i // 6}:{DOFS[i % 6]}" for i in free.tolist()),
+            positive="property",
+        )
+        self.sections = dict(sections)
+        self.bounds = dict.fromkeys(self.names, (0.0, np.inf))
+        lines = [(first, second) for first, second, *_ in elements]
+        self.geometry = Geometry(dict(enumerate(points)), lines)
 
 
-def _multiply(term: Term, values: Parameters) -> Floats | float:
-    """Return a product of properties, ``(n,)`` or a number."""
-    factors = (values[factor] if isinstance(factor, str) else factor for factor in term)
-    return math.prod(factors, start=1.0)
+def _read_property(label: str, value: Property) -> tuple[float, Term]:
+    """Return the number of a property, and the parameter that multiplies it, if any."""
+    pair: tuple[Any, ...] = (value,)
+    if isinstance(value, str):
+        pair = 1.0, value
+    elif isinstance(value, tuple):
+        pair = checks.group(label, value, "a number, name or (number, name)", 2)
+    names = tuple(checks.text(label, name) for name in pair[1:])
+    return checks.positive_array(label, pair[0], 0).item(), names
 
 
-def _assemble(
+def _add(
+    pieces: Pieces,
+    properties: Iterable[tuple[float, Term]],
+    dofs: NDArray[np.intp],
+    T: Floats,
+    matrix: Floats,
+) -> None:
+    """Add ``properties x T^T matrix T`` to what the product of parameters scales."""
+    number, term = 1.0, list[str]()
+    for factor, names in properties:
+        number *= factor
+        term += names
+    piece = dofs, number * (T.T @ matrix @ T)
+    pieces.setdefault(tuple(sorted(term)), []).append(piece)
+
+
+def _add_up(
+    pieces: list[tuple[NDArray[np.intp], Floats]], free: NDArray[np.intp], size: int
+) -> csc_array:
+    """Return the sum over the free DOFs."""
+    none = np.empty(0, dtype=np.intp)
+    rows = np.concatenate([none, *(np.repeat(own, len(own)) for own, _ in pieces)])
+    columns = np.concatenate([none, *(np.tile(own, len(own)) for own, _ in pieces)])
+    entries = np.concatenate([np.empty(0), *(block.ravel() for _, block in pieces)])
+    total = csc_array(coo_array((entries, (rows, columns)), shape=(size, size)))
+    return csc_array(total[free][:, free])
+
+
+def _label(matrices: Mapping[Term, csc_array | Floats]) -> dict[str, Unit]:
+    """Return them as :class:`MatrixModel` takes them."""
+    return {
+        " * ".join(term): matrix if len(term) == 1 else (matrix, Product(term))
+        for term, matrix in matrices.items()
+    }
+
+
+def _add_bars(
+    K: Pieces,
+    M: Pieces,
     points: Floats,
     elements: Sequence[Element],
     sections: Mapping[str, Section],
-    free: NDArray[np.intp],
-) -> list[dict[Term, Floats]]:
-    """Return the matrices of K and of M by what multiplies them, ``()`` for nothing."""
-    size = 6 * len(points)
-    totals: list[dict[Term, Floats]] = [{(): np.zeros((size, size))} for _ in "KM"]
-    for e, (first, second, name) in enumerate(elements):
-        section = sections[name]
-        start, end = points[[first, second]]
-        length, axes = local_axes(start, end, section.orientation, f"elements[{e}]")
-        T = np.kron(np.eye(4), axes)
-        dofs = np.r_[6 * first : 6 * first + 6, 6 * second : 6 * second + 6]
-        where = np.ix_(dofs, dofs)
-        parts = stiffness_matrices(length), mass_matrices(length)
-        for total, matrices in zip(totals, parts, strict=True):
+) -> set[int]:
+    """Add the bars, checked, and return the nodes that they join."""
+    checks.mapping("sections", sections, "{name: Section}")
+    checks.parameter_names("sections", list(sections))
+    for name, section in sections.items():
+        checks.instance(f"sections[{name!r}]", section, Section)
+    form = "(node, node, section name) or (node, node, section name, (offset, offset))"
+    if not isinstance(elements, Sequence) or isinstance(elements, str) or not elements:
+        raise TypeError(f"elements: expected at least one {form}, got {elements!r}")
+    used, taken = set[int](), set[str]()
+    for e, element in enumerate(elements):
+        label = f"elements[{e}]"
+        *ends, name, offsets = _read_entry(label, element, form, 3, [(None, None)])
+        for node in ends:
+            _check_node(label, node, len(points))
+        if name not in sections:
+            raise ValueError(
+                f"{label}: no section {name!r}; sections are {sorted(sections)}"
+            )
+        used |= {*ends}
+        taken.add(name)
+        pair = checks.group(label, offsets, "(offset, offset)", 2)
+        arms = [_read_offset(label, offset) for offset in pair]
+        section, T = sections[name], np.zeros((12, 12))
+        start, end = points[ends] + arms
+        length, axes = local_axes(start, end, section.orientation, label)
+        T[:6, :6], T[6:, 6:] = map(rigid_arm, arms)
+        T = np.kron(np.eye(4), axes) @ T
+        read = {k: _read_property(k, value) for k, value in section.properties.items()}
+        polar = ["Iy", "Iz"] if section.Ip is None else ["Ip"]
+        matrices_of_M = mass_matrices(length, polar)
+        for part, matrices in (K, stiffness_matrices(length)), (M, matrices_of_M):
             for product, matrix in matrices.items():
-                term: Term = tuple(section.properties[key] for key in product)
-                factor: Floats | float = 1.0
-                if not {*section.parameters} & {*term}:
-                    term, factor = (), _multiply(term, {})
-                if term not in total:
-                    total[term] = np.zeros((size, size))
-                total[term][where] += factor * (T.T @ matrix @ T)
-    keep = np.ix_(free, free)
-    return [{term: A[keep] for term, A in total.items()} for total in totals]
+                _add(part, [read[key] for key in product], _dofs(*ends), T, matrix)
+    if {*sections} - taken:
+        raise ValueError(f"sections: no element uses {sorted({*sections} - taken)}")
+    return used
+
+
+def _add_masses(M: Pieces, n_nodes: int, masses: Sequence[Mass]) -> set[int]:
+    """Add the point masses, checked, and return the nodes that carry them."""
+    form = "(node, mass), (node, mass, offset) or (node, mass, offset, inertia)"
+    units, used = np.eye(6), set[int]()
+    for i, given in enumerate(_read_list("masses", masses, form)):
+        label = f"masses[{i}]"
+        node, mass, offset, inertia = _read_entry(label, given, form, 2, [None, None])
+        _check_node(label, node, n_nodes)
+        used.add(node)
+        T = rigid_arm(_read_offset(label, offset))
+        moved = np.diag(units[:3].sum(axis=0))
+        _add(M, [_read_property(label, mass)], _dofs(node), T, moved)
+        moments = (0.0, 0.0, 0.0) if inertia is None else inertia
+        for axis, moment in enumerate(checks.group(label, moments, "(Ix, Iy, Iz)", 3)):
+            if isinstance(moment, str | tuple) or moment != 0:
+                turned = np.diag(units[3 + axis])
+                _add(M, [_read_property(label, moment)], _dofs(node), T, turned)
+    return used
+
+
+def _add_springs(K: Pieces, points: Floats, springs: Sequence[Spring]) -> set[int]:
+    """Add the springs, checked, and return the nodes that they join."""
+    form = "(node, node or None, {direction: stiffness})"
+    used = set[int]()
+    for s, given in enumerate(_read_list("springs", springs, form)):
+        label = f"springs[{s}]"
+        first, second, by_direction = checks.group(label, given, form, 3)
+        ends = [first] if second is None else [first, second]
+        for node in ends:
+            _check_node(label, node, len(points))
+        if first == second:
+            raise ValueError(f"{label}: both ends are node {first}")
+        used |= {*ends}
+        apart = [rigid_arm(points[first] - points[node]) for node in ends]
+        T = np.hstack([apart[0], *(-arm for arm in apart[1:])])
+        for direction, stiffness in checks.by_name(label, by_direction, DOFS).items():
+            axis = np.diag(np.eye(6)[DOFS.index(direction)])
+            _add(K, [_read_property(label, stiffness)], _dofs(*ends), T, axis)
+    return used
+
+
+def _read_list(argument: str, value: object, form: str) -> Sequence[Any]:
+    if not isinstance(value, Sequence) or isinstance(value, str):
+        raise TypeError(f"{argument}: expected a list of {form}, got {value!r}")
+    return value
+
+
+def _read_entry(
+    label: str, value: Any, form: str, needed: int, defaults: Sequence[Any]
+) -> tuple[Any, ...]:
+    """Return an entry of a list, whose last parts may lack."""
+    given = len(value) if isinstance(value, Sequence) else 0
+    lacking = min(max(needed + len(defaults) - given, 0), len(defaults))
+    size = needed + len(defaults) - lacking
+    entry = checks.group(label, value, form, size)
+    return *entry, *defaults[len(defaults) - lacking :]
+
+
+def _read_offset(label: str, value: Any) -> Floats:
+    offset = np.zeros(3) if value is None else checks.real_array(label, value, 1)
+    if offset.shape != (3,):
+        raise ValueError(f"{label}: expected an offset (x, y, z) in m, got {value!r}")
+    return offset
+
+
+def _dofs(*nodes: int) -> NDArray[np.intp]:
+    """Return the numbers of the DOFs of nodes, six each."""
+    return np.concatenate([np.arange(6 * node, 6 * node + 6) for node in nodes])
+
+
+def rigid_arm(offset: Floats) -> Floats:
+    """Return what takes DOFs of a node to those at an offset from it, ``(6, 6)``."""
+    T = np.eye(6)
+    T[:3, 3:] = np.cross(np.eye(3), offset).T  # rotation x offset
+    return T
 
 
 def stiffness_matrices(length: float) -> dict[tuple[str, ...], Floats]:
@@ -294,10 +410,10 @@ def stiffness_matrices(length: float) -> dict[tuple[str, ...], Floats]:
     }
 
 
-def mass_matrices(length: float) -> dict[tuple[str, ...], Floats]:
+def mass_matrices(length: float, polar: Sequence[str]) -> dict[tuple[str, ...], Floats]:
     """Return consistent ``(12, 12)`` matrices by the properties that they multiply.
 
-    rho Iy and rho Iz resist torsion, by their sum.
+    rho times the sum of the properties ``polar`` resists twisting.
     """
     L = length
     rod = np.array([[2.0, 1.0], [1.0, 2.0]]) * L / 6
@@ -313,7 +429,7 @@ def mass_matrices(length: float) -> dict[tuple[str, ...], Floats]:
     along = _place(AXIAL, rod) + _place(BENDING_Y, bending)
     along += _place(BENDING_Z, bending * ROTATION_SIGNS)
     twist = _place(TORSION, rod)
-    return {("rho", "A"): along, ("rho", "Iy"): twist, ("rho", "Iz"): twist}
+    return {("rho", "A"): along, **{("rho", moment): twist for moment in polar}}
 
 
 def _place(dofs: list[int], block: Floats) -> Floats:
@@ -373,36 +489,6 @@ def _find_free_dofs(
 def _check_node(label: str, node: int, n_nodes: int) -> None:
     if checks.whole_number(label, node) >= n_nodes:
         raise ValueError(f"{label}: no node {node}; nodes are 0 to {n_nodes - 1}")
-
-
-def _check_elements(
-    n_nodes: int, elements: Sequence[Element], sections: Mapping[str, Section]
-) -> None:
-    """Check that nodes, elements and sections fit together."""
-    checks.mapping("sections", sections, "{name: Section}")
-    checks.parameter_names("sections", list(sections))
-    for name, section in sections.items():
-        checks.instance(f"sections[{name!r}]", section, Section)
-    if not isinstance(elements, Sequence) or isinstance(elements, str) or not elements:
-        raise TypeError(
-            "elements: expected at least one (node, node, section name), got "
-            f"{elements!r}"
-        )
-    for e, element in enumerate(elements):
-        form = "(node, node, section name)"
-        *nodes, section_name = checks.group(f"elements[{e}]", element, form, 3)
-        for node in nodes:
-            _check_node(f"elements[{e}]", node, n_nodes)
-        if section_name not in sections:
-            raise ValueError(
-                f"elements[{e}]: no section {section_name!r}; sections are "
-                f"{sorted(sections)}"
-            )
-    alone = {*range(n_nodes)} - {node for *nodes, _ in elements for node in nodes}
-    unused = {*sections} - {name for *_, name in elements}
-    for label, missed in (("nodes", alone), ("sections", unused)):
-        if missed:
-            raise ValueError(f"{label}: no element uses {sorted(missed)}")
 
 
 def _choose_modes(

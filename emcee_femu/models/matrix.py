@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from functools import cached_property, partial
 from typing import Self
 
@@ -26,7 +26,81 @@ from .geometry import Geometry
 from .inputs import Dofs, Matrix, Where, choose_dofs, read_matrix, warn_of_uncoupled
 
 
-class MatrixModel:
+class AffineModel:
+    """Constant matrices, others with their coefficients, and what solves the sums.
+
+    Args:
+        K0: Constant part of the stiffness, ``(N, N)``, dense or sparse as all are made.
+        M0: Constant part of the mass.
+        K: What coefficients multiply, as of :class:`MatrixModel`.
+        M: The same of the mass.
+        modes: Which elastic modes to return, 1 = the lowest, ascending.
+        skip: Number of rigid-body modes below them.
+        shapes: DOFs at which to return shapes.
+        dofs: All DOFs, by number or by label; None for numbers.
+        positive: What the parameters are if all must be above zero, "" for any.
+
+    Attributes:
+        rows: Where the DOFs of the shapes are in the matrices.
+    """
+
+    def __init__(
+        self,
+        K0: Matrix,
+        M0: Matrix,
+        K: Mapping[str, Unit],
+        M: Mapping[str, Unit],
+        modes: Sequence[int],
+        skip: int,
+        shapes: bool | Dofs,
+        dofs: Sequence[Hashable] | None = None,
+        positive: str = "",
+    ) -> None:
+        sparse = issparse(K0)
+        self.K0: Matrix = read_matrix("K0", K0, sparse=sparse)
+        size = self.K0.shape[0]
+        self.M0: Matrix = read_matrix("M0", M0, size, sparse=sparse)
+        self.K, of_K = read_units("K", K, size, sparse)
+        self.M, of_M = read_units("M", M, size, sparse)
+        self.coefficients = Coefficients((of_K, of_M), positive)
+        self.names = self.coefficients.names
+        self.modes, self.n_modes = tuple(modes), len(modes)
+        self.skip = checks.whole_number("skip", skip)
+        self.geometry: Geometry | None = None
+        if self.skip + self.modes[-1] > size:
+            raise ValueError(
+                f"n_modes: mode {self.modes[-1]} after {self.skip} rigid-body modes "
+                f"(skip), but there are only {size} DOFs"
+            )
+        self.dofs = range(size) if dofs is None else dofs
+        chosen = choose_dofs("shapes", shapes, self.dofs)
+        self.rows = tuple(chosen.values())
+        self.shape_dofs = tuple(self.dofs[row] for row in self.rows)
+        self.variables = modal_variables(self.n_modes, tuple(chosen))
+        self.problem = sparse_problem(self) if sparse else DenseProblem(self)
+
+    __repr__ = show_declared
+
+    def __call__(self, parameters: Parameters) -> ModalSolution:
+        """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""
+        return self.problem.solve(*self.coefficients(parameters))
+
+    def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
+        """Return the response and its derivatives by all parameters, from one solve.
+
+        ``{"frequency": {parameter: (n, n_modes)}, "shapes": {parameter: (n, n_dof,
+        n_modes)}}``, in Hz per unit of the parameter, of shapes that keep their signs.
+
+        Raises:
+            ValueError: As a call does, or if modes coincide that part as a parameter
+                changes: they have no derivatives there.
+        """
+        k, m, where = self.coefficients(parameters)
+        slopes = self.coefficients.slopes(parameters)
+        return self.problem.jacobian(k, m, slopes, where)
+
+
+class MatrixModel(AffineModel):
     r"""K and M of any FE program, dense or sparse, scaled by parameters or functions.
 
     .. math:: K(\theta) = K_0 + \sum_i a_i(\theta) K_i, \qquad
@@ -88,28 +162,9 @@ class MatrixModel:
         skip: int = 0,
         shapes: bool | Dofs = False,
     ) -> None:
-        sparse = issparse(K0)
-        self.K0: Matrix = read_matrix("K0", K0, sparse=sparse)
-        size = self.K0.shape[0]
-        self.M0: Matrix = read_matrix("M0", M0, size, sparse=sparse)
-        self.K, of_K = read_units("K", K, size, sparse)
-        self.M, of_M = read_units("M", {} if M is None else M, size, sparse)
-        self.coefficients = Coefficients((of_K, of_M))
-        self.names = self.coefficients.names
-        self.n_modes = checks.whole_number("n_modes", n_modes, 1)
-        self.skip = checks.whole_number("skip", skip)
-        self.geometry: Geometry | None = None
-        if self.skip + self.n_modes > size:
-            raise ValueError(
-                f"n_modes: expected skip + n_modes <= {size} (the DOFs of K0), "
-                f"got {skip} + {n_modes}"
-            )
-        self.dofs = range(size)
-        dofs = choose_dofs("shapes", shapes, self.dofs)
-        self.shape_dofs = tuple(dofs.values())
-        self.variables = modal_variables(self.n_modes, tuple(dofs))
+        modes = range(1, checks.whole_number("n_modes", n_modes, 1) + 1)
+        super().__init__(K0, M0, K, {} if M is None else M, modes, skip, shapes)
         warn_of_uncoupled([self.K0, *self.K.values()], [self.M0, *self.M.values()])
-        self.problem = sparse_problem(self) if sparse else DenseProblem(self)
 
     @classmethod
     def from_differences(
@@ -169,34 +224,14 @@ class MatrixModel:
         model.geometry = base.geometry if isinstance(base, Matrices) else None
         return model
 
-    __repr__ = show_declared
 
-    def __call__(self, parameters: Parameters) -> ModalSolution:
-        """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""
-        return self.problem.solve(*self.coefficients(parameters))
-
-    def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
-        """Return the response and its derivatives by all parameters, from one solve.
-
-        ``{"frequency": {parameter: (n, n_modes)}, "shapes": {parameter: (n, n_dof,
-        n_modes)}}``, in Hz per unit of the parameter, of shapes that keep their signs.
-
-        Raises:
-            ValueError: As a call does, or if modes coincide that part as a parameter
-                changes: they have no derivatives there.
-        """
-        k, m, where = self.coefficients(parameters)
-        slopes = self.coefficients.slopes(parameters)
-        return self.problem.jacobian(k, m, slopes, where)
-
-
-def sparse_problem(model: MatrixModel) -> SparseEigenproblem:
+def sparse_problem(model: AffineModel) -> SparseEigenproblem:
     """Return the sparse problem of a model, also where its matrices are dense."""
     K, M = (
         tuple(csc_array(matrix) for matrix in (constant, *units.values()))
         for constant, units in ((model.K0, model.K), (model.M0, model.M))
     )
-    return SparseEigenproblem(K, M, model.n_modes, model.skip, model.shape_dofs)
+    return SparseEigenproblem(K, M, model.modes, model.skip, model.rows)
 
 
 class DenseProblem:
@@ -209,14 +244,14 @@ class DenseProblem:
         model: The model, with dense matrices.
     """
 
-    def __init__(self, model: MatrixModel) -> None:
+    def __init__(self, model: AffineModel) -> None:
         self.model = model
         K, M = (
             np.array([constant, *units.values()])
             for constant, units in ((model.K0, model.K), (model.M0, model.M))
         )
-        selected = np.arange(model.skip, model.skip + model.n_modes)
-        output = np.eye(len(model.K0))[list(model.shape_dofs)]
+        selected = model.skip + np.array(model.modes) - 1
+        output = np.eye(len(model.K0))[list(model.rows)]
         self.dense = Eigenproblem(K, M, selected, model.skip, output)
         self._diagonals = [A.diagonal(axis1=1, axis2=2) for A in (K, M)]
 

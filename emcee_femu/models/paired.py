@@ -10,7 +10,7 @@ from functools import partial
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
 from .. import checks
@@ -60,12 +60,23 @@ class PairedModel:
     there to ``min_gap`` the sharing fades smoothly, so that shapes and MAC have no
     step. Where two modes change places, their frequencies still do.
 
+    **Without measured shapes**, ``reference`` stands in for them: the i-th measured
+    frequency belongs to the i-th mode of the model at these parameters, and is followed
+    by that mode's shape. This assumes that the model has the modes of the test in their
+    order there, none missing and none between them, which no data can tell: compare
+    pictures. And it assumes that a mode stays more like itself than like any other over
+    the prior; ``mac`` says so of each sample. Shapes at translations alone are compared
+    as measured ones would be; among rotations, choose ``shapes=`` of the model.
+
     Args:
         model: A model that returns shapes, such as ``MatrixModel(..., shapes=dofs)``.
         measurements: Measured modes with shapes, each compared at the sensors that it
             has. Their ``dofs`` are matched with those
             at which the model returns shapes, in any order; where they are None, rows
-            and sensors correspond in order.
+            and sensors correspond in order. With a reference: measured modes without
+            shapes, or frequencies in Hz.
+        reference: ``{parameter: value}`` at which the model is solved once, for the
+            shapes that modes are paired by; None for those measured.
         candidates: How many of the model's modes are searched; None for twice the
             number of measured ones, as is usual.
         min_mac: A pair below it counts as unpaired, which a
@@ -75,7 +86,8 @@ class PairedModel:
 
     Raises:
         TypeError: If measurements are not Measurements, or model is not callable.
-        ValueError: If the measurements have no shapes, there are fewer model modes
+        ValueError: If the measurements have no shapes and there is no reference, or
+            both, or the reference cannot be solved, there are fewer model modes
             than candidates, or fewer candidates than measured modes, or the model has
             no shapes at a sensor. When called: if the model returns no shapes, or too
             few modes or rows.
@@ -98,31 +110,37 @@ class PairedModel:
     def __init__(
         self,
         model: Model,
-        measurements: Measurements,
+        measurements: Measurements | ArrayLike,
         *,
+        reference: Mapping[str, float] | None = None,
         candidates: int | None = None,
         min_mac: float = 0.5,
         min_gap: float = 0.02,
     ) -> None:
         if not callable(model):
             raise TypeError(f"model: expected a callable, got {type(model).__name__}")
-        checks.instance("measurements", measurements, Measurements)
-        if measurements.shapes is None:
-            raise ValueError("measurements: no shapes, by which modes are paired")
-        self.model, self.measurements = model, measurements
-        n_modes = measurements.n_modes
+        if reference is not None:
+            measurements = _solve_reference(model, measurements, reference)
+        test = checks.instance("measurements", measurements, Measurements)
+        if test.shapes is None:
+            raise ValueError(
+                "measurements: no shapes, by which modes are paired; give them, or "
+                "reference={parameter: value}, where the model's own are taken"
+            )
+        self.model, self.measurements = model, test
+        n_modes = test.n_modes
         if candidates is None:
             candidates = 2 * n_modes
         self.candidates = checks.whole_number("candidates", candidates, n_modes)
         self.min_mac = checks.real_number("min_mac", min_mac, 0.0, 1.0)
         self.min_gap = checks.real_number("min_gap", min_gap, 0.0)
-        size = np.sqrt(np.nansum(measurements.shapes**2, axis=0))
-        self._shapes = measurements.shapes / size
+        size = np.sqrt(np.nansum(test.shapes**2, axis=0))
+        self._shapes = test.shapes / size
         declared = read_declared(model, "variables")
-        self._rows = _match_rows(declared, measurements)
+        self._rows = _match_rows(declared, test)
         if declared is not None and "frequency" in declared:
             self._check_count(declared["frequency"].size)
-        dofs = measurements.dofs
+        dofs = test.dofs
         labels = [None] * len(self._shapes) if dofs is None else dofs.tolist()
         modal = modal_variables(n_modes, labels)
         by_mode = Variable(modal["frequency"].coords)
@@ -233,6 +251,37 @@ class PairedModel:
         if self._rows is None:
             return at_sensors(shapes, self.measurements.dofs, len(self._shapes))
         return shapes[..., self._rows, :]
+
+
+def _solve_reference(
+    model: Model, measurements: Measurements | ArrayLike, reference: Mapping[str, float]
+) -> Measurements:
+    """Return the measured frequencies with the model's own shapes at a reference."""
+    if not isinstance(measurements, Measurements):
+        try:
+            measurements = Measurements(measurements)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"measurements: {error}") from None
+    frequencies, sd = measurements.frequencies, measurements.sd
+    if measurements.shapes is not None:
+        raise ValueError("reference: the measurements have shapes; give one of both")
+    by_name = checks.mapping("reference", reference, "{parameter: value}")
+    names = checks.parameter_names("reference", by_name) if by_name else ()
+    row = checks.numbers_by_name("reference", by_name, names)
+    values = dict(zip(names, row[:, None], strict=True))
+    try:
+        shapes = np.asarray(read(model(values), "shapes"))[0]
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"reference: no shapes there: {error}") from error
+    if shapes.shape[1] < len(frequencies):
+        raise ValueError(
+            f"measurements: {len(frequencies)} frequencies, but the model returns "
+            f"{shapes.shape[1]} modes; let it return more"
+        )
+    declared = read_declared(model, "variables")
+    labels = None if declared is None else declared["shapes"].coords.get("dof")
+    shapes = shapes[:, : len(frequencies)]
+    return Measurements(frequencies, sd=sd, shapes=shapes, dofs=labels)
 
 
 def _match_rows(

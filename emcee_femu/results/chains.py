@@ -20,10 +20,11 @@ from ..evaluation.samplers import Sampler, describe_moves, moves_of
 from ..evaluation.store import Store, StoredChain
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
-from ..sampling.record import Chains, Run, SearchRecord
+from ..sampling.record import Chains, Run, SearchRecord, read_backends
 from .arviz_objects import InferenceData, dataset, is_arviz, samples
 
-TOLD = ("kind", "moves", "seed", "origin")  # attributes of ArviZ objects, in words
+# Attributes of ArviZ objects, in words.
+TOLD = "kind", "moves", "seed", "origin", "stopped"
 # The same as JSON.
 STORED = "acceptance betas doubts failures search solves starts_given".split()
 
@@ -71,7 +72,7 @@ def read_chains(
         return replace(held, posterior=posterior)
     if is_arviz(source):
         return _of_arviz(source, posterior, discard, thin)
-    read = partial(_read, discard=discard, thin=thin, blobs=blobs, hot=hot)
+    read = partial(read_backends, discard=discard, thin=thin, blobs=blobs, hot=hot)
     if isinstance(source, str | os.PathLike):
         try:
             store = Store(os.fspath(source), read_only=True)
@@ -106,42 +107,9 @@ def read_chains(
         origin="" if run.search is None else run.search.sentence,
         failures={} if run.failures is None else dict(run.failures.causes),
         solves=run.solves,
+        stopped=run.stopped,
         starts_given=run.starts_given,
         doubts=run.doubts,
-    )
-
-
-def _read(
-    backends: Sequence[Backend],
-    betas: Floats,
-    *,
-    discard: int,
-    thin: int,
-    blobs: bool,
-    hot: bool,
-) -> Chains:
-    """Return what is stored in emcee backends, of walkers without names."""
-    steps = min(backend.iteration for backend in backends) - discard
-    if steps < thin:
-        raise ValueError(f"discard: no steps are left after {discard} (thin={thin})")
-    shapes = {backend.shape for backend in backends}
-    if len(shapes) > 1:
-        shape = "one shape (walkers, parameters)"
-        raise ValueError(f"source: expected ensembles of {shape}, got {sorted(shapes)}")
-    kept = slice(0, backends[0].shape[0] // (1 if hot else len(betas)))
-
-    def gather(name: str) -> Floats:
-        parts = [b.get_value(name, discard=discard, thin=thin) for b in backends]
-        return np.stack([part[: steps // thin, kept] for part in parts], axis=1)
-
-    acceptance = [backend.accepted[kept] / backend.iteration for backend in backends]
-    return Chains(
-        (),
-        gather("chain"),
-        gather("log_prob"),
-        np.array(acceptance),
-        gather("blobs") if blobs and backends[0].has_blobs() else None,
-        betas=betas,
     )
 
 
@@ -197,6 +165,7 @@ def _of_file(
         origin="" if search is None else search.sentence,
         starts_given=manifest["starts"] is not None and search is None,
         doubts=doubts,
+        stopped=store["stopped"] or "",
         initial=row and np.array(row),
     )
 

@@ -1,166 +1,27 @@
 """Judge a run: autocorrelation time, ESS, R-hat, acceptance, and three statements."""
 
 import json
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from ..contracts import Floats
-from ..sampling.importance import FAIR_SHARE, GOOD_K
-from ..sampling.judge import (
-    check_length,
-    effective_sizes,
-    excess_scatter,
-    mean_sizes,
-    rhat,
-    size_by_means,
-    sizes_by_means,
-    tau_by_ensemble,
-)
+from ..sampling.modes import ModeWeights
 from ..sampling.record import Chains
-from ..table import Parts, Report, Table
+from ..sampling.verdict import (
+    NO_CHAINS,
+    NOT_SEARCHED,
+    SEARCHED,
+    Diagnosis,
+    Statement,
+    judge_chains,
+    measure,
+)
 from .arviz_objects import dataset
 from .chains import read_chains
-from .fit import Statement, judge_fit
-from .modes import ModeWeights, weigh_modes
+from .fit import judge_fit
 
-# Steps per autocorrelation time below which tau itself is unreliable.
-STEPS_PER_TAU = 50
-GOOD_RHAT = 1.01  # Vehtari et al. (2021), doi:10.1214/20-BA1221
-# R-hat over walkers is about sqrt(1 + 2 tau / steps), 1.02 at 50 tau. More means
-# walkers that stay apart, which tau cannot see: it centres each walker on its own mean.
-WALKERS_APART = 1.05
-SD_KNOWN_TO = 0.1  # relative standard error of a standard deviation
-ERRORS_APART = 4.0  # between two estimates of a weight
-SMALL_WEIGHT = 0.005  # a weight, or a difference of two, that does not matter
-WEIGHT_KNOWN_TO = 0.0125  # standard error of a weight: four of them are 0.05
-ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays in a mode
-ENOUGH_WAITS = 10  # the same from the worst places, a thousandth of the chain
 HITS = 3  # expected, of which none comes once in twenty times
-STUCK_BY_CHANCE = 0.05  # walkers that may not have moved yet in a short chain
-CONVERGED, MIXED, NOT_CONVERGED = "converged", "well mixed", "not converged"
-NO_CHAINS = "none"
-TOO_SHORT = "too short"
-SEARCHED, NOT_SEARCHED = "searched", "not searched"
-LENGTH_MARGIN = 1.25  # since tau and errors are estimates themselves
-MUCH = 4.0  # times longer, where no number says how much
-MOST_LONGER = 10.0  # times longer, above which it is not length that lacks
-
-# In a few words, in a sentence, and how many times longer a chain would mend it; 0
-# where none would, and the sentence says what does.
-Complaint: TypeAlias = tuple[str, str, float]
-NOT_JUDGED = Statement("not judged", "not judged", "not judged.")
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis(Report):
-    """What :func:`.diagnose` found; ``print`` it for a table and three statements.
-
-    Attributes:
-        names: Parameter names, ``d`` of them.
-        steps: Stored steps per ensemble, after burn-in.
-        tau: Integrated autocorrelation time in stored steps, ``(ensembles, d)``; NaN
-            where no walker moved.
-        steps_per_tau: ``steps / tau`` of the worst ensemble, ``(d,)``; from 50 on, tau
-            and ESS can be believed.
-        ess_bulk: Effective sample size for the centre, all ensembles, ``(d,)``.
-        ess_tail: Effective sample size for the 5 % and 95 % quantiles, ``(d,)``.
-        acceptance: Fraction of accepted proposals, ``(ensembles, walkers)``; NaN where
-            it is not known.
-        stuck: ``(ensemble, walker)`` of each walker with a parameter that never
-            changed.
-        rhat_within: R-hat over the walkers of one ensemble, the worst, ``(d,)``: a
-            mixing indicator, not convergence, since walkers depend on one another;
-            NaN for a single walker.
-        rhat_between: R-hat with each independent ensemble as one chain, ``(d,)``: the
-            test for a missed mode; NaN for a single ensemble.
-        sd_error: Relative standard error of the standard deviation, by the ESS of
-            squared deviations, ``(d,)``.
-        scatter: By how much the ensembles' means and variances scatter more than tau
-            allows (above 1), the worse of both, ``(d,)``; NaN for less than three.
-        failures: Number of rejected solves by cause (``run(on_failure="reject")``).
-        modes: Separated modes of the posterior and the frozen proposal, if "auto"
-            ran; printed where there are several.
-        chains: Whether they converged: "converged", "well mixed" (of one ensemble, or
-            from given starts) or "not converged", and how many steps it takes; "none"
-            of a population or of weighted draws, whose numbers are NaN.
-        search: "searched" or "not searched", what was there, and how small a mode may
-            be missing.
-        fit: Whether what was measured lies inside the posterior predictive: "fits",
-            "doubtful" (it does, but parameters are far from their prior, or the model
-            or the prior was warned of), "at a bound", "does not fit" or "not checked".
-    """
-
-    names: tuple[str, ...]
-    steps: int
-    tau: Floats
-    steps_per_tau: Floats
-    ess_bulk: Floats
-    ess_tail: Floats
-    acceptance: Floats
-    stuck: tuple[tuple[int, int], ...]
-    rhat_within: Floats
-    rhat_between: Floats
-    sd_error: Floats
-    scatter: Floats
-    failures: Mapping[str, int]
-    modes: ModeWeights | None = None
-    chains: Statement = NOT_JUDGED
-    search: Statement = NOT_JUDGED
-    fit: Statement = NOT_JUDGED
-
-    @property
-    def converged(self) -> bool:
-        """Whether several ensembles of independent starts agree, each well mixed."""
-        return self.chains.status == CONVERGED
-
-    @property
-    def short(self) -> str:
-        """The three statements in one line."""
-        return self._join("short", ". ") + "."
-
-    @property
-    def verdict(self) -> str:
-        """The three statements, one below the other."""
-        return self._join("sentence", "\n")
-
-    def _join(self, attribute: str, between: str) -> str:
-        three = {"Chains": self.chains, "Search": self.search, "Fit": self.fit}
-        return between.join(f"{k}: {getattr(s, attribute)}" for k, s in three.items())
-
-    @property
-    def table(self) -> Table:
-        """One row per parameter; tau is that of the worst ensemble."""
-        n_ensembles, n_walkers = self.acceptance.shape
-        return Table.from_columns(
-            f"Diagnosis: {n_ensembles} x {n_walkers} walkers, {self.steps} steps",
-            [
-                ("parameter", "", list(self.names)),
-                ("tau", ".1f", self.tau.max(axis=0)),
-                ("steps/tau", ".0f", self.steps_per_tau),
-                ("ESS bulk", ".0f", self.ess_bulk),
-                ("ESS tail", ".0f", self.ess_tail),
-                ("R-hat walkers", ".3f", self.rhat_within),
-                ("R-hat ensembles", ".3f", self.rhat_between),
-            ],
-        )
-
-    def _parts(self) -> Parts:
-        if self.chains.status != NO_CHAINS:
-            yield self.table
-        if self.modes is not None and len(self.modes.importance) > 1:
-            yield self.modes.table
-        if np.isfinite(self.acceptance).all():
-            yield (
-                f"Acceptance {self.acceptance.mean():.2f} (walkers "
-                f"{self.acceptance.min():.2f} to {self.acceptance.max():.2f}), "
-                f"{len(self.stuck)} stuck walkers."
-            )
-        if self.failures:
-            yield f"Failed solves, counted as zero probability: {dict(self.failures)}."
-        yield self.verdict
 
 
 def diagnose(source: object, discard: int = 0) -> Diagnosis:
@@ -219,85 +80,6 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
     return replace(diagnosis, chains=about, search=search, fit=fit)
 
 
-def measure(chains: Chains) -> Diagnosis:
-    """Return the numbers of chains, not judged."""
-    draws = chains.draws
-    steps, n_ensembles, n_walkers, ndim = draws.shape
-    check_length(draws)
-    moved = (draws != draws[0]).any(axis=0).all(axis=2)  # (ensembles, walkers)
-    by_ensemble = draws.transpose(1, 2, 0, 3)  # (ensembles, walkers, steps, d)
-    squares = (draws - draws.mean(axis=(0, 1, 2))) ** 2
-    scatter = within = between = np.full(ndim, np.nan)
-    if len(chains.betas) > 1:
-        tau = tau_by_ensemble(
-            draws.mean(axis=2, keepdims=True), moved.any(axis=1, keepdims=True)
-        )
-        bulk, tail = sizes_by_means(draws)
-        of_squares = size_by_means(squares)
-    else:
-        tau = tau_by_ensemble(draws, moved)
-        bulk, tail = effective_sizes(_as_chains(draws))
-        of_squares = mean_sizes(_as_chains(squares))
-        of_variances = excess_scatter(squares, tau_by_ensemble(squares, moved))
-        scatter = np.fmax(excess_scatter(draws, tau), of_variances)
-    if n_walkers > 1:
-        within = np.max([rhat(walkers) for walkers in by_ensemble], axis=0)
-    if n_ensembles > 1:
-        between = rhat(by_ensemble.reshape(n_ensembles, -1, ndim))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        steps_per_tau = steps / tau.max(axis=0)
-        of_variance = np.sqrt(squares.var(axis=(0, 1, 2)) / of_squares)
-        sd_error = 0.5 * of_variance / squares.mean(axis=(0, 1, 2))
-    return Diagnosis(
-        names=chains.names,
-        steps=steps,
-        tau=tau,
-        steps_per_tau=steps_per_tau,
-        ess_bulk=bulk,
-        ess_tail=tail,
-        acceptance=chains.acceptance,
-        stuck=tuple((int(e), int(w)) for e, w in np.argwhere(~moved)),
-        rhat_within=within,
-        rhat_between=between,
-        sd_error=sd_error,
-        scatter=scatter,
-        modes=weigh_modes(chains),
-        failures=chains.failures,
-    )
-
-
-def _as_chains(values: Floats) -> Floats:
-    """Return values with every walker as a chain, ``(chains, steps, d)``."""
-    return values.transpose(1, 2, 0, 3).reshape(-1, len(values), values.shape[3])
-
-
-def judge_chains(diagnosis: Diagnosis, starts_given: bool, discard: int) -> Statement:
-    """Say whether the chains converged; if not, what speaks first and what mends it."""
-    if complaints := list(_complaints(diagnosis)):
-        short, sentence, longer = complaints[0]
-        if longer:
-            longer = max(factor for *_, factor in complaints)
-            steps = discard + LENGTH_MARGIN * longer * diagnosis.steps
-            unit = 10 ** max(int(np.log10(steps)) - 1, 0)  # two digits, and zeros
-            sentence += f"; run steps={unit * int(np.ceil(steps / unit)):,}"
-        sentence = f"{NOT_CONVERGED}, {short}: {sentence}."
-        reasons = tuple(reason for reason, *_ in complaints)
-        return Statement(NOT_CONVERGED, short, sentence, reasons)
-    count, status, short = len(diagnosis.tau), CONVERGED, CONVERGED
-    words = f"{status}: {count} ensembles agree"
-    if count > 1:
-        words += f" (R-hat at most {diagnosis.rhat_between.max():.3f})"
-    if starts_given or count == 1:
-        status, short = MIXED, "starts given" if count > 1 else "one ensemble"
-        cure = "leave starts out" if count > 1 else "run ensembles=4"
-        words = f"{status}, but other modes would not be seen ({short}): {cure}"
-    sentence = (
-        f"{words}; {diagnosis.steps_per_tau.min():.0f} autocorrelation times, ESS at "
-        f"least {diagnosis.ess_bulk.min():,.0f}."
-    )
-    return Statement(status, short, sentence)
-
-
 def judge_search(modes: ModeWeights | None) -> Statement:
     """Say what a search found, and how small a maximum it may have missed."""
     if modes is None:
@@ -331,79 +113,3 @@ def judge_without_chains(source: Any, chains: Chains) -> tuple[Statement, Statem
         words = f"draws weighted by full solves. {certificate['verdict']}"
         search = Statement(**json.loads(certificate["search"]))
     return Statement(NO_CHAINS, NO_CHAINS, f"{NO_CHAINS}, but {words}"), search
-
-
-def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
-    """Yield what speaks against the chains, the plainest first."""
-    names, stuck, modes = diagnosis.names, diagnosis.stuck, diagnosis.modes
-    places = f"(ensemble, walker): {list(stuck[:5])}"
-    sentence = f"they never moved, {places}; look at starts and at failed solves"
-    complaint = f"{len(stuck)} walkers stuck", sentence, 0.0
-    moving = diagnosis.acceptance[diagnosis.acceptance > 0]
-    # So many of the others would be still there by chance after as many steps.
-    by_chance = ((1 - moving) ** diagnosis.steps).sum()
-    if stuck and by_chance < STUCK_BY_CHANCE:
-        yield complaint
-    within, between = diagnosis.rhat_within, diagnosis.rhat_between
-    # Values, their best, their limit, and by which power of them a chain is too short.
-    for values, best, limit, power, short, what in (
-        (diagnosis.steps_per_tau, 0, STEPS_PER_TAU, -1, TOO_SHORT, "steps/tau"),
-        (within, 1, WALKERS_APART, 1, "walkers stay apart", "R-hat over walkers"),
-        (diagnosis.sd_error, 0, SD_KNOWN_TO, 2, "sd unknown", "relative error of sd"),
-        (between, 1, GOOD_RHAT, 1, "ensembles disagree", "R-hat over ensembles"),
-        (diagnosis.scatter, 0, 1, 1, "ensembles disagree", "chi-square by its limit"),
-    ):
-        excess = ((values - best) / (limit - best)) ** power
-        worst = int(np.argmax(excess))
-        longer = float(excess[worst])
-        if longer > 1:  # never for NaN
-            bound = f"at {'least' if power < 0 else 'most'} {limit}"
-            sentence = f"{what} of {names[worst]} is {values[worst]:.4g} ({bound})"
-            if best and longer > MOST_LONGER:
-                cure = "take a TemperedMove" if modes else 'run moves="auto"'
-                sentence, longer = f"{sentence}, as between modes; {cure}", 0.0
-            yield short, sentence, longer
-    if stuck and by_chance >= STUCK_BY_CHANCE:
-        yield complaint
-    if modes is not None:
-        yield from _weights(modes, diagnosis.acceptance.shape[1])
-        yield from _proposal(modes, diagnosis.steps)
-
-
-def _weights(modes: ModeWeights, walkers: int) -> Iterator[Complaint]:
-    """Yield modes that are lost, weigh otherwise than they should, or are not known."""
-    chain, exact, error = modes.weights.mean(axis=0), modes.importance, modes.errors
-    best, apart = np.fmin(error, modes.importance_errors), np.abs(chain - exact)
-    both = np.hypot(error, modes.importance_errors)
-    differ = apart > np.maximum(SMALL_WEIGHT, ERRORS_APART * both)  # never for NaN
-    for i, lost in enumerate((chain == 0) & modes.reached & ~(exact < SMALL_WEIGHT)):
-        stated = f"{exact[i]:.3f} (+- {modes.importance_errors[i]:.3f})"
-        sentence = (
-            f"mode {i + 1}, where a search ended or a walker started, holds "
-            f"{chain[i]:.3f} (+- {error[i]:.3f}) of the chain, by importance sampling "
-            f"{'what is not known' if np.isnan(exact[i]) else stated}"
-        )
-        if lost:
-            yield "a mode is lost", f"{sentence}; run nwalkers={2 * walkers}", 0.0
-        elif differ[i] or best[i] > WEIGHT_KNOWN_TO:
-            longer = max(MUCH * differ[i], (best[i] / WEIGHT_KNOWN_TO) ** 2)
-            yield f"weights {'disagree' if differ[i] else 'unknown'}", sentence, longer
-
-
-def _proposal(modes: ModeWeights, steps: int) -> Iterator[Complaint]:
-    """Yield what is wrong with the frozen proposal, if steps are made with it."""
-    several, made = len(modes.importance) > 1, modes.share * steps
-    k = float(np.fmax(modes.pareto_k, modes.chain_k))
-    # Weights that are nearly equal have a tail too, but not one that matters.
-    narrow = k > GOOD_K and not modes.efficiency > FAIR_SHARE and (several or made)
-    worst, done = np.nanmin(modes.acceptance) * made, modes.slowest * made
-    visits = worst / ENOUGH_VISITS if several and made else 1.0
-    waits = done / ENOUGH_WAITS if modes.share > 0.5 else 1.0
-    if narrow or min(visits, waits) < 1:
-        sentence = (
-            f"Pareto k is {k:.2f} (at most {GOOD_K}), and in {steps} steps a walker "
-            f"leaves the worst mode {worst:.1f} times (at least {ENOUGH_VISITS}), "
-            f"the worst places {done:.1f} times (at least {ENOUGH_WAITS})"
-        )
-        longer = MUCH if narrow else 1 / max(float(min(visits, waits)), 0.1)
-        yield "proposal too narrow", sentence, longer

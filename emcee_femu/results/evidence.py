@@ -10,9 +10,9 @@ from ..sampling.anneal import Annealed
 from ..sampling.importance import bridge
 from ..sampling.judge import autocorrelation_time, check_length
 from ..sampling.record import Chains
+from ..sampling.verdict import NOT_CONVERGED, judge_chains, measure
 from ..table import Parts, Report
 from .chains import read_chains
-from .diagnose import NOT_CONVERGED, judge_chains, measure
 
 EVIDENCE_TAU = 20  # of a series, below which neither tau nor its error can be believed
 ENOUGH_OVERLAP = 0.1

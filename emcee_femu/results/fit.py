@@ -1,7 +1,6 @@
 """Whether the posterior predicts what was measured, and what speaks against its fit."""
 
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
@@ -9,6 +8,7 @@ from scipy import stats
 from ..posterior.log_posterior import LogPosterior
 from ..sampling.first_solve import doubt_units, is_constant, same_response
 from ..sampling.record import Chains
+from ..sampling.verdict import Statement
 from .arviz_objects import InferenceData, is_arviz
 from .identifiability import describe_samples
 from .measured import read_measured
@@ -22,23 +22,6 @@ OUTVOTED = 5  # times as many values in another term
 WRONG = 2.0  # times what was measured, or its inverse: more than a model's error
 NOT_DRAWN = "no term draws new measurements of what the model stores"
 NOT_KNOWN = "the data are not known; to_inference_data(source, posterior) has them"
-
-
-@dataclass(frozen=True)
-class Statement:
-    """One of the three statements of a diagnosis.
-
-    Attributes:
-        status: A word or two that never vary, such as "converged".
-        short: The status in a few words, with its reason.
-        sentence: The same at length, and what to do.
-        reasons: All that speaks against chains, in a word or two each.
-    """
-
-    status: str
-    short: str
-    sentence: str
-    reasons: tuple[str, ...] = ()
 
 
 def judge_fit(source: InferenceData, chains: Chains, discard: int) -> Statement:

@@ -13,10 +13,11 @@ from ..moves.mixture import Mixture
 from .anneal import anneal_population, fewest_members
 from .coordinates import Coordinates
 from .importance import find_acceptance, normalise, resample
-from .proposals import Trial, add_components, carry, cover, refine, uncover
+from .proposals import Component, Trial, add_components, carry, cover, refine, uncover
 from .record import SearchRecord, label, separate, weigh
 from .response_surface import LEARNED, ResponseSurface, learn_surface
 from .search import Search
+from .tails import climb_tails
 
 # Evaluations by those of the chain; of a short one.
 CHAIN_BUDGET, LEAST_BUDGET = 2.0, 30_000
@@ -26,7 +27,7 @@ ROUND = 300  # draws of a round of the refinement, at least
 TRIED = 800  # draws by which a proposal is judged, at least
 LAST_ROUND = 6  # times a round's draws, that the last round of a refinement may have
 REFINED = 1_500  # draws for a refinement, or half as many as the chain has
-BENT = 0.6  # acceptance of a mixture below which polynomials may do better
+BENT = 0.5  # acceptance of a mixture below which polynomials may do better
 MOST_QUADRATIC = 30  # parameters of which there are quadratic ones
 GAINED = 1.5  # acceptance by polynomials, relative to that of the mixture
 SCREENED, MOST_SCREENED = 10, 100  # proposals that polynomials accept, and see
@@ -34,7 +35,8 @@ POPULATION, POPULATION_DF = 1_000, 5.0  # members of all ensembles
 POOR_ACCEPTANCE = 0.2  # acceptance below which gradients do better
 TUNED, TUNING = 24, 14_000  # draws from which Hamiltonian moves are tuned, and solves
 TAIL_ROUNDS = 5  # of climbs in the tails
-TAIL_SOLVES = 0.2  # that each may spend, of those of a refinement
+SLABS_PER_ROUND = 4  # of a tail, for which a round has its usual draws
+TAIL_SOLVES = 0.6  # that each may spend, of those of a refinement
 EVIDENCE_MISSED = 1.0  # log evidence by which one proposal finds more than another
 # Share of independence proposals by their expected acceptance.
 INDEPENDENCE_SHARES = ((0.2, 0.9), (0.05, 0.6), (0.0, 0.2))
@@ -55,6 +57,7 @@ def search_and_start(
     ensembles: int,
     seed: int,
     evaluations: int,
+    budget: int,
     starts: Sequence[Floats] | None,
 ) -> tuple[SearchRecord, list[emcee.State]]:
     """Search for the modes, refine a proposal, and draw the starts from it.
@@ -70,7 +73,8 @@ def search_and_start(
         nwalkers: Walkers per ensemble.
         ensembles: How many there are.
         seed: Of the run.
-        evaluations: Those of the chain, by which the search may spend.
+        evaluations: Those of the chain.
+        budget: Solves that the search may take.
         starts: Points ``(n, d)`` of each ensemble that are searched too.
 
     Returns:
@@ -79,7 +83,6 @@ def search_and_start(
     """
     seeds = np.random.SeedSequence(seed).spawn(ensembles)
     streams = [np.random.default_rng(child.spawn(1)[0]) for child in seeds]
-    budget = budget_of(evaluations)
     most = max(REFINED, evaluations // 2)
     size = max(ROUND, 10 * evaluator.posterior.ndim)
     judged = max(TRIED, 2 * size, min(4 * nwalkers * ensembles, budget // 8))
@@ -176,16 +179,23 @@ def _find_proposal(
         theta = np.concatenate([mixture.draw(rng, each) for rng in streams])
         return theta, evaluator.rows(theta)
 
+    added: list[Component] = []  # for tails, which no refinement keeps
+
     def attempt(mixture: Mixture) -> Trial:
-        refined = refine(search.draws, mixture, size, most, propose)
+        draws = search.draws
+        refined = refine(draws, mixture, size, most, propose)
+        new = [*added]
         for _ in range(TAIL_ROUNDS):
-            spent = search.evaluator.solves
-            tails = search.climb_tails(min(last, spent + TAIL_SOLVES * most))
-            if not tails:
+            if new:
+                refined = cover(add_components(uncover(refined), new))
+                number = size * max(1, len(new) // SLABS_PER_ROUND)
+                draws.add(*propose(refined, number), refined)
+            limit = min(last, evaluator.solves + TAIL_SOLVES * most)
+            new = climb_tails(evaluator, draws, limit)
+            added.extend(new)
+            if not new:
                 break
-            refined = cover(add_components(uncover(refined), tails))
-            search.draws.add(*propose(refined, size * max(1, len(tails) // 4)), refined)
-        refined = carry(search.draws, refined, size, propose)
+        refined = carry(draws, refined, size, propose)
         return Trial(refined, *propose(refined, judged))
 
     trial = attempt(search.mixture())

@@ -9,6 +9,7 @@ from typing import Any, Self, TypeAlias, overload
 
 import emcee
 import numpy as np
+from emcee.backends import Backend
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
@@ -30,6 +31,14 @@ MODES_APART = 10.0  # squared distance of the centres, by the sum of the matrice
 NO_MODE = -1  # the mode of components that cover the others and belong to none
 JUMPS = 0.1  # of the DE-MC steps have gamma = 1
 HAMILTONIAN = 0.8  # of the moves where gradients do better
+STOPPED_BY_VERDICT, STOPPED_BY_SOLVES, STOPPED_BY_STEPS = "converged", "solves", "steps"
+# The same in words.
+ENDED = {
+    "": "",
+    STOPPED_BY_VERDICT: "; it ended when it had converged",
+    STOPPED_BY_SOLVES: "; it ended when its solves were spent",
+    STOPPED_BY_STEPS: "",
+}
 Labels: TypeAlias = NDArray[np.intp]
 
 
@@ -48,6 +57,7 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
         failures: Solves that failed; None where a failure is an error.
         starts_given: Whether the walkers started from ``starts``.
         doubts: What was warned of before the search or the starts.
+        stopped: Why it ended: "converged", "solves" or "steps"; empty while it goes on.
     """
 
     samplers: tuple[emcee.EnsembleSampler, ...]
@@ -59,6 +69,7 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
     failures: FailureLog | None
     starts_given: bool
     doubts: Sequence[str] = ()
+    stopped: str = ""
 
     @property
     def solves(self) -> int:
@@ -84,7 +95,10 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
     def _parts(self) -> Parts:
         steps = [sampler.iteration for sampler in self.samplers]
         walkers = self.samplers[0].nwalkers
-        yield f"{len(self)} ensembles of {walkers} walkers, {min(steps)} steps"
+        yield (
+            f"{len(self)} ensemble{'s' * (len(self) > 1)} of {walkers} walkers, "
+            f"{min(steps)} steps, {self.solves:,} solves{ENDED[self.stopped]}"
+        )
         if self.search is not None:
             yield f"Moves: {self.search.sentence}"
         else:
@@ -115,6 +129,7 @@ class Chains:
         solves: Model solves spent; 0 where not known.
         starts_given: Whether the walkers started where a user said.
         doubts: What was warned of before the run, of the model or the prior.
+        stopped: Why the run ended, as in :class:`Run`.
         initial: The row at the prior mean, as of a file; None where not known.
     """
 
@@ -134,6 +149,7 @@ class Chains:
     solves: int = 0
     starts_given: bool = False
     doubts: Sequence[str] = ()
+    stopped: str = ""
     initial: Floats | None = None
 
 
@@ -157,13 +173,13 @@ class SearchRecord(Report):
         log_weights: ln(p / q) of some draws of the proposal; -inf where p is zero.
         points: How many points were searched.
         climbs: How many climbs there were.
-        from_prior: How many of them began at draws of the prior, whatever their height.
         annealed: Whether an annealed population was asked.
         solves: Evaluations in all.
         share: The share of independence proposals among the moves.
         trajectories: Arguments of a Hamiltonian move, where that pays; else None.
         screened: Independence proposals for each solve, by a response surface.
         surface: Arguments of that surface, where there is one and it is kept.
+        from_prior: How many climbs began at draws of the prior, whatever their height.
     """
 
     mixture: Mixture
@@ -177,13 +193,13 @@ class SearchRecord(Report):
     log_weights: Floats
     points: int
     climbs: int
-    from_prior: int
     annealed: bool
     solves: int
     share: float
     trajectories: Mapping[str, Any] | None = None
     screened: int = 1
     surface: Mapping[str, Any] | None = None
+    from_prior: int = 0
 
     @property
     def proposal(self) -> IndependenceMove:
@@ -259,6 +275,40 @@ class SearchRecord(Report):
 def _as_arrays(record: dict[str, Any]) -> dict[str, Any]:
     """Return a record with arrays for lists."""
     return {k: np.array(v) if type(v) is list else v for k, v in record.items()}
+
+
+def read_backends(
+    backends: Sequence[Backend],
+    betas: Floats,
+    *,
+    discard: int = 0,
+    thin: int = 1,
+    blobs: bool = False,
+    hot: bool = False,
+) -> Chains:
+    """Return what is stored in emcee backends, of walkers without names."""
+    steps = min(backend.iteration for backend in backends) - discard
+    if steps < thin:
+        raise ValueError(f"discard: no steps are left after {discard} (thin={thin})")
+    shapes = {backend.shape for backend in backends}
+    if len(shapes) > 1:
+        shape = "one shape (walkers, parameters)"
+        raise ValueError(f"source: expected ensembles of {shape}, got {sorted(shapes)}")
+    kept = slice(0, backends[0].shape[0] // (1 if hot else len(betas)))
+
+    def gather(name: str) -> Floats:
+        parts = [b.get_value(name, discard=discard, thin=thin) for b in backends]
+        return np.stack([part[: steps // thin, kept] for part in parts], axis=1)
+
+    acceptance = [backend.accepted[kept] / backend.iteration for backend in backends]
+    return Chains(
+        (),
+        gather("chain"),
+        gather("log_prob"),
+        np.array(acceptance),
+        gather("blobs") if blobs and backends[0].has_blobs() else None,
+        betas=betas,
+    )
 
 
 def separate(mixture: Mixture) -> Labels:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from os import PathLike
 from typing import Any
 
@@ -19,7 +21,9 @@ from ..evaluation.resume import logger, open_evaluator
 from ..evaluation.samplers import (
     Sampler,
     Weighted,
+    caption,
     check_progress,
+    complete,
     copy_moves,
     foreign_moves,
     progress_bar,
@@ -30,18 +34,35 @@ from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
 from .auto import budget_of, search_and_start
 from .first_solve import check_first_solve, doubt_reach
-from .record import Run, SearchRecord
+from .record import (
+    STOPPED_BY_SOLVES,
+    STOPPED_BY_STEPS,
+    STOPPED_BY_VERDICT,
+    Run,
+    SearchRecord,
+    read_backends,
+)
+from .verdict import NOT_CONVERGED, judge_chains, measure
 from .weighted import Moves, check_walkers, weigh_moves
 
 MOST_START_DRAWS = 20  # of a starting point
+# Without steps= the verdict is asked first at so many steps, a little more than the 50
+# that tau takes, then each time at a quarter more: few looks, and little too much.
+FIRST_LOOK, LOOK_FURTHER = 60, 1.25
+SIZED_FOR = 10_000  # evaluations for whose chain a search is made then
+FEWEST_SOLVES = 10_000  # of which a search has half
+# Solves that a run takes as a rule, and seconds above which that is said before.
+USUAL_SOLVES, LONG_RUN = 20_000, 600.0
 
 
 def run(
     posterior: LogPosterior,
     moves: Moves | str = "auto",
     nwalkers: int | None = None,
-    steps: int = 1_000,
+    steps: int | None = None,
     *,
+    ess: float = 1_000,
+    solves: int = 200_000,
     ensembles: int = 4,
     seed: int,
     workers: int | None = None,
@@ -75,9 +96,15 @@ def run(
             short one; that number and the seconds by the first solve are logged (logger
             "emcee_femu") and head the bar of ``progress``. The stored chain starts
             after that; ``run.search`` has what was found, and prints it.
-        nwalkers: Walkers per ensemble; None for 4 per parameter, at least 16, and as
-            many for each temperature of a :class:`~.moves.TemperedMove`.
-        steps: Stored steps; ``steps * thin_by`` generations are run.
+        nwalkers: Walkers per ensemble; None for 4 per parameter, at least 16, or
+            without ``steps`` for 2 per parameter, at least 8; as many for
+            each temperature of a :class:`~.moves.TemperedMove`.
+        steps: Stored steps; ``steps * thin_by`` generations are run. None: the run ends
+            by its own verdict, as soon as :func:`diagnose` calls the chains converged
+            and ``ess`` is reached, or when ``solves`` are spent.
+        ess: Effective sample size, bulk and tail, that every parameter needs before a
+            run without ``steps`` ends.
+        solves: Solves that a run without ``steps`` may take, its search included.
         ensembles: Independent ensembles, each with its own start and random stream.
             Four from over-dispersed starts are what R-hat needs to see a missed mode.
         seed: A whole number.
@@ -165,9 +192,12 @@ def run(
         )
     checks.instance("posterior", posterior, LogPosterior)
     weighted = None if moves == "auto" else copy_moves(weigh_moves(moves))
-    nwalkers = check_walkers(nwalkers, weighted, posterior)
+    nwalkers = check_walkers(nwalkers, weighted, posterior, few=steps is None)
     ensembles = checks.whole_number("ensembles", ensembles, 1)
-    steps = checks.whole_number("steps", steps, 1)
+    steps = None if steps is None else checks.whole_number("steps", steps, 1)
+    ess = checks.real_number("ess", ess, 0.0)
+    fewest = FEWEST_SOLVES if moves == "auto" and steps is None else 1
+    solves = checks.whole_number("solves", solves, fewest)
     seed = checks.whole_number("seed", seed)
     thin_by = checks.whole_number("thin_by", thin_by, 1)
     progress = check_progress(progress)
@@ -200,10 +230,17 @@ def run(
         seconds, doubts = check_first_solve(evaluator)
         shape = nwalkers, ensembles, seed
         search: SearchRecord | None = None
+        each = thin_by * nwalkers * ensembles
+        evaluations = SIZED_FOR if steps is None else steps * each
+        most = budget_of(evaluations)
+        if steps is None:
+            most = min(most, solves // 2)
+        if store is None or not store.lengths().get(1):
+            usual = (weighted is None) * evaluations + evaluations
+            _warn_if_long(seconds, USUAL_SOLVES if steps is None else usual)
         if weighted is None:
-            evaluations = steps * thin_by * nwalkers * ensembles
             search, states = _search(
-                evaluator, store, shape, evaluations, seconds, points, progress
+                evaluator, store, shape, evaluations, most, points, progress
             )
             weighted = search.moves(posterior.prior)
         else:
@@ -235,20 +272,36 @@ def run(
         together = ensembles > 1 and (backend is None or in_file)
         together &= evaluator.pool is not None and evaluator.pool.takes_turns
         doubted = store is not None and any(foreign_moves(weighted))
+        fresh = weighted if doubted else None
+        turns = parts if together else None
         try:
-            _sample(
-                samplers,
-                states,
-                steps,
-                thin_by,
-                progress,
-                weighted if doubted else None,
-                parts if together else None,
-            )
+            if steps is None:
+                stopped = _sample_until(
+                    record, states, parts, ess, solves, thin_by, progress, fresh, turns
+                )
+            else:
+                bar = progress_bar(progress, steps * ensembles, "sampling")
+                _sample(samplers, states, steps, thin_by, bar, fresh, turns)
+                stopped = STOPPED_BY_STEPS
         except BaseException as error:  # also of the keyboard: nothing is lost
             error.run = record  # type: ignore[attr-defined]
             raise
-    return record
+        if store is not None:
+            store["stopped"] = stopped
+    return replace(record, stopped=stopped)
+
+
+def _warn_if_long(seconds: float, evaluations: int) -> None:
+    """Say before the search how long a run will take, and what makes it shorter."""
+    if not seconds * evaluations > LONG_RUN:  # also where it is not known
+        return
+    warnings.warn(
+        f"posterior: a solve takes {seconds:.2g} s, and a run some {evaluations:,}: "
+        f"{seconds * evaluations / 3600:.1f} hours. workers= shares them among "
+        "processes; emulate(posterior, 60) needs a few dozen solves; reduce_model "
+        "makes large matrices small; solves= sets a limit",
+        stacklevel=3,
+    )
 
 
 def _search(
@@ -256,7 +309,7 @@ def _search(
     store: Store | None,
     shape: tuple[int, int, int],
     evaluations: int,
-    seconds: float,
+    most: int,
     points: Floats | None,
     progress: bool | str,
 ) -> tuple[SearchRecord, list[emcee.State]]:
@@ -267,7 +320,7 @@ def _search(
         store: The file, if there is one.
         shape: Walkers, ensembles and the seed.
         evaluations: Those of the chains, of which the search has a share.
-        seconds: That a solve takes.
+        most: Solves that it may take.
         points: Starts that the user gave, ``(ensembles, nwalkers, d)``.
         progress: How it is shown.
     """
@@ -277,16 +330,93 @@ def _search(
         store["evaluations"] = evaluations
         if (stored := store["search"]) is not None:
             return SearchRecord.from_json(stored), []
-    most = budget_of(evaluations)
-    text = f"search, at most {most:,} evaluations, {most * seconds:,.0f} s"
-    logger.info(text)
+    logger.info(f"search, at most {most:,} solves")
     places = points if points is None else [*points]
     if places is None and posterior.draws is not None:
         places = [posterior.draws[i::ensembles] for i in range(ensembles)]
-    with progress_bar(progress, most, text) as evaluator.bar:
-        found = search_and_start(evaluator, *shape, evaluations, places)
+    with progress_bar(progress, most, "search") as evaluator.bar:
+        found = search_and_start(evaluator, *shape, evaluations, most, places)
+        complete(evaluator.bar)
     evaluator.bar = Evaluation.bar
     return found
+
+
+def _sample_until(
+    record: Run,
+    states: Sequence[emcee.State],
+    parts: Sequence[Evaluation],
+    ess: float,
+    solves: int,
+    thin_by: int,
+    progress: bool | str,
+    fresh: Weighted | None,
+    together: Sequence[Evaluation] | None,
+) -> str:
+    """Advance all ensembles until the verdict is good, or solves are spent.
+
+    The verdict is asked at steps that depend on nothing, so that a run which is
+    resumed has the same end. See :func:`_sample` for the arguments.
+
+    Returns:
+        Why it ended.
+    """
+    samplers = record.samplers
+    bar = progress_bar(progress, solves, "sampling")
+    with bar:
+        for part in parts:
+            part.bar = bar
+        bar.update(record.solves)
+        while True:
+            lengths = [sampler.iteration for sampler in samplers]
+            done, even = max(lengths), min(lengths) == max(lengths)
+            look = next_look(done)
+            left = solves - record.solves
+            if even:
+                converged = done == look or left <= 0
+                if converged and done:
+                    converged, text = _ask(record, ess)
+                    caption(bar, text)
+                    if converged:
+                        return STOPPED_BY_VERDICT
+                if done == look:
+                    look = next_look(done + 1)
+                each = thin_by * sum(sampler.nwalkers for sampler in samplers)
+                if done:  # a proposal of some moves takes several solves
+                    each = max(each, -(-(record.solves - record.evaluations) // done))
+                look = min(look, done + left // each)
+                if look <= done:
+                    return STOPPED_BY_SOLVES
+            _sample(samplers, states, look, thin_by, None, fresh, together)
+            states = [sampler.get_last_sample() for sampler in samplers]
+
+
+def _ask(record: Run, ess: float) -> tuple[bool, str]:
+    """Return whether chains converged and are long enough, and that in words."""
+    betas = ladder_of([move for move, _ in record.moves])
+    chains = replace(
+        read_backends([sampler.backend for sampler in record], betas),
+        names=record.posterior.names,
+        search=record.search,
+        starts_given=record.starts_given,
+    )
+    diagnosis = measure(chains)
+    chain = judge_chains(diagnosis, record.starts_given, 0)
+    least = np.nan_to_num([diagnosis.ess_bulk, diagnosis.ess_tail]).min()
+    known = chain.status != NOT_CONVERGED and least >= ess
+    return known, f"sampling, ESS {least:,.0f} of {ess:,.0f}, {chain.short}"
+
+
+def next_look(steps: int) -> int:
+    """Return the first number of steps, from these on, at which the verdict is asked.
+
+    Examples:
+        >>> [next_look(steps) for steps in (0, 61, 76, 4_000)]
+        [60, 75, 94, 4334]
+    """
+    look = FIRST_LOOK
+    while look < steps:
+        look = math.ceil(LOOK_FURTHER * look)
+    return look
 
 
 def _sample(
@@ -294,7 +424,7 @@ def _sample(
     states: Sequence[emcee.State],
     steps: int,
     thin_by: int,
-    progress: bool | str,
+    bar: Any,
     fresh: Weighted | None,
     together: Sequence[Evaluation] | None,
 ) -> None:
@@ -305,12 +435,13 @@ def _sample(
         states: Where each goes on from.
         steps: Stored steps of each in the end.
         thin_by: Steps for each that is stored.
-        progress: How it is shown.
+        bar: What shows steps; None for nothing.
         fresh: Moves as they were given, by which what a move remembers is checked.
         together: What evaluates for each ensemble, where they take turns.
     """
     left = [steps - sampler.iteration for sampler in samplers]
-    bar = progress_bar(progress, sum(left), f"{len(samplers)} ensembles")
+    bar = progress_bar(False, 0, "") if bar is None else bar
+    bar.update(steps * len(samplers) - sum(left))
 
     def advance(number: int) -> None:
         samplers[number].advance(states[number], left[number], thin_by, bar, fresh)
@@ -329,7 +460,7 @@ def _open_chains(
     parts: Sequence[Evaluation],
     own: Sequence[Weighted],
     states: Sequence[emcee.State],
-    steps: int,
+    steps: int | None,
 ) -> list[StoredChain]:
     """Return the chains of a file, with the starts of those that it does not hold."""
     lengths, chains = store.lengths(), []
@@ -337,7 +468,7 @@ def _open_chains(
         start = None if ensemble + 1 in lengths else states[ensemble]
         chains.append(StoredChain(store, ensemble, start, part, moves))
     longest = max(chain.iteration for chain in chains)
-    if longest > steps:
+    if steps is not None and longest > steps:
         raise ValueError(
             f"steps: expected at least the {longest} steps that {store.path} holds "
             f"already, got {steps}"

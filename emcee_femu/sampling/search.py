@@ -20,7 +20,7 @@ from ..moves.mixture import GAUSSIAN, Mixture
 from ..posterior.priors import summarize_prior
 from .climbing import Maximum, climb, distinct
 from .first_solve import doubt_reach
-from .proposals import Component, Draws
+from .proposals import Draws
 
 UNEXPLAINED = 2.0  # log-density beyond what Gaussians at the modes say
 WAY_POINTS = np.array([0.2, 0.4, 0.6, 0.8])  # of the way from a mode to a point
@@ -37,14 +37,6 @@ NEGLIGIBLE = 12.0  # log evidence below the largest without a component
 SCAN_WIDENS = 2.0  # ratio of the widths of scans about the modes
 MOST_SCANS = 6
 FIRST_DF = 8.0
-# A tail begins at a value that so large a share of the draws pass. Its slabs are so
-# wide, in sds, and go on while they hold so much of the variance. One is missed that
-# holds so many times what the draws have seen there.
-TAIL_SHARE, TAIL_WIDTH = 0.003, 0.8
-TAIL_MATTERS, TAIL_MISSED, MOST_SLABS = 1e-3, 1.5, 40
-TAIL_PART = 0.1  # of a variance, below which a standard deviation is right to 5 %
-# Beside errors of what was seen; in how many errors it needs no climb.
-ERRORS_MISSED, WELL_SEEN = 2.0, 4.5
 
 
 class Search:
@@ -133,69 +125,6 @@ class Search:
             np.array([self.maxima[i].covariance for i in kept]),
             FIRST_DF,
         )
-
-    def climb_tails(self, most: float) -> list[Component]:
-        """Return components for slabs that hold more than the draws have seen there.
-
-        A thin arm begins where a posterior seems to end. From a value of a parameter
-        that few draws pass, slabs outwards are climbed in turn, to where nothing
-        matters to its variance: Laplace's evidence of a slab is what lies in it.
-
-        Args:
-            most: Solves after which no climb begins.
-        """
-        x, shares = self.draws.x, self.draws.shares
-        mean, ndim = shares @ x, x.shape[1]
-        matrix = np.cov(x.T, aweights=shares, ddof=0).reshape(ndim, ndim)
-        for j in range(ndim):
-            sides = [self._follow_tail(j, i, mean, matrix, most) for i in (0, 1)]
-            if missed := sides[0] + sides[1]:
-                return missed  # which other parameters may see too
-        return []
-
-    def _follow_tail(
-        self, j: int, side: int, mean: Floats, matrix: Floats, most: float
-    ) -> list[Component]:
-        """Return components for missed slabs of a tail, by their share of variance."""
-        draws, found, sd = self.draws, [], np.sqrt(matrix[j, j])
-        x, shares, sign = draws.x, draws.shares, 2 * side - 1
-        bounds = self.evaluator.posterior.prior.bounds
-        order = np.argsort(x[:, j])[::-sign]
-        first = order[int(np.searchsorted(shares[order].cumsum(), TAIL_SHARE))]
-        value, place, guess, way = x[first, j], x[first], matrix, 0.0 * mean
-        for _ in range(MOST_SLABS):
-            further = np.clip(value + sign * TAIL_WIDTH * sd, *bounds[j])
-            if further == value or self.evaluator.solves > most:
-                break
-            box = bounds.copy()
-            box[j] = sorted([value, further])
-            inside = np.flatnonzero((x[:, j] > box[j, 0]) & (x[:, j] < box[j, 1]))
-            mass = seen = shares[inside].sum()
-            error = np.sqrt((shares[inside] ** 2).sum())
-            square = ((value - mean[j]) / sd) ** 2
-            if seen > WELL_SEEN * error:
-                way = x[inside[np.argmax(draws.log_p[inside])]] - place
-            else:
-                start = np.clip(place + way, *box.T)[None]
-                (top,) = climb(self.evaluator, start, guess, box=box, masses=True)
-                mass = float(np.exp(top.log_evidence - draws.log_evidence))
-                way, guess = top.theta - place, top.covariance
-                missed = mass - TAIL_MISSED * seen - ERRORS_MISSED * error
-                if missed > 0 and mass * square > TAIL_MATTERS:
-                    centre, spread = _within(top, j, box)
-                    spread += np.outer(way, way) / 6  # twice that of a uniform law
-                    centre -= np.where(
-                        top.at_bound & (np.arange(len(mean)) != j), 0.0, way / 2
-                    )
-                    found.append((mass * square, centre, spread))
-            if not max(mass, seen) * square > TAIL_MATTERS:
-                break
-            value, place = further, place + way
-        total = sum(part for part, *_ in found)
-        if total < TAIL_PART:
-            return []
-        # Alike, since a slab that is hardly met says little of what it holds.
-        return [(total / len(found), *where) for _, *where in found]
 
     def _evaluate(self, points: Sequence[Floats]) -> tuple[Floats, Floats]:
         """Evaluate points of each ensemble, and keep them."""
@@ -328,16 +257,3 @@ class Search:
             replace(mixture, matrices=mixture.matrices * factor**2)
             for factor in factors[factors < ratio]
         ]
-
-
-def _within(top: Maximum, j: int, box: Floats) -> tuple[Floats, Floats]:
-    """Return mean and matrix of what is in a slab of parameter j, by its maximum.
-
-    At a bound the density is an exponential, whose mean is one spread inside.
-    """
-    mean, matrix = top.theta.copy(), top.covariance.copy()
-    low, high = box.T
-    others = top.at_bound & (np.arange(len(mean)) != j)
-    sds = np.minimum(np.sqrt(np.diag(matrix)), (high - low) / 2)
-    mean += np.where(others, np.where(mean == low, sds, -sds), 0.0)
-    return mean, matrix

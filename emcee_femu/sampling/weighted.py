@@ -40,11 +40,16 @@ def check_walkers(
     nwalkers: int | None,
     weighted: list[tuple[Move, float]] | None,
     posterior: LogPosterior,
+    few: bool = False,
 ) -> int:
-    """Return the walkers per ensemble, by default what is usual for the moves."""
+    """Return the walkers per ensemble, by default what is usual for the moves.
+
+    Few serve a run that ends by its verdict, for which it takes many steps of each.
+    """
     ndim = posterior.ndim
     moves = [DEMCMove()] if weighted is None else [move for move, _ in weighted]
-    usual = max(16, 4 * ndim) * len(ladder_of(moves))
+    usual = max(8, 2 * ndim) if few else max(16, 4 * ndim)
+    usual *= len(ladder_of(moves))
     number = checks.whole_number("nwalkers", usual if nwalkers is None else nwalkers, 1)
     for move in moves:
         if check := getattr(move, "check", None):

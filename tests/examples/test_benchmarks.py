@@ -49,6 +49,13 @@ def test_hamiltonian():
     assert table.column("HMC")[0] > 5 * table.column("DE-MC")[0]
 
 
+@pytest.mark.slow
+def test_damage_alarms(capsys):
+    table = load("damage_alarms").main(8)
+    assert table.column("pairs") == [6, 2]
+    assert min(table.column("95 %")) > 60 and "Alarms" in capsys.readouterr().out
+
+
 # --- hard targets -----------------------------------------------------------------
 
 HARD = load("hard_targets")

@@ -192,9 +192,16 @@ def test_a_large_frame_is_solved_by_sparse_matrices_as_a_dense_one():
     values = {"E in": np.array([6e10, 8e10]), "E out": np.full(2, 7e10)}
     values["rho"] = np.array([2700.0, 2900.0])
     solved = []
-    for modes in ((1, 2, 3), (1, 2, 3, 5)):  # with a gap they are taken of all
-        options = dict(modes=modes, shapes=["37:uy", "20:uz"])
+    for modes in ((1, 2, 3), (1, 2, 3, 5), None):
+        options = dict(modes=modes or [1], shapes=["37:uy", "20:uz"])
         frame = FrameModel(nodes, elements, halves, {0: "all"}, **options)
+        if modes is None:
+            K, M = (
+                {name: A.toarray() for name, A in units.items()}
+                for units in ({"": frame.K0} | frame.K, {"": frame.M0} | frame.M)
+            )
+            rows = [frame.dofs.index(dof) for dof in frame.shape_dofs]
+            frame = ef.MatrixModel(K.pop(""), M.pop(""), K, M, n_modes=3, shapes=rows)
         assert len(frame.dofs) > 200
         modal, slopes = frame.jacobian(values)
         slopes = [
@@ -203,5 +210,217 @@ def test_a_large_frame_is_solved_by_sparse_matrices_as_a_dense_one():
             for name in values
         ]
         solved.append([np.abs(x)[..., :3] for x in (*modal, *slopes)])
-    for sparse, dense in zip(*solved, strict=True):
-        np.testing.assert_allclose(sparse, dense, rtol=1e-6, atol=1e-7 * dense.max())
+    *found, dense = solved
+    for sparse in found:
+        for one, other in zip(sparse, dense, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-7 * other.max())
+
+
+# --- Offsets, point masses and springs
+
+LIGHT = BAR | {"rho": 1e-3}  # beside the point masses
+STIFFNESS = BAR["E"] * BAR["Iz"]  # resists uz
+
+
+def mode(K, M):
+    return np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).min()) / (2 * np.pi)
+
+
+@pytest.mark.parametrize("how", ["mass", "bar"])
+def test_a_mass_beyond_the_end_of_a_cantilever(how):
+    """Its arm is that of the mass, or that of the bar."""
+    m, arm, turning = 0.4, 0.13, 2e-3
+    bar = Section(**LIGHT)
+    ends = [(0, 0, 0), (L + arm * (how == "bar"), 0, 0)]
+    elements = (
+        [(0, 1, "bar", (None, (-arm, 0, 0)))] if how == "bar" else [(0, 1, "bar")]
+    )
+    offset = None if how == "bar" else (arm, 0, 0)
+    tip = [(1, (m, "tip"), offset, (0, turning, 0)), (1, 1e-9)]
+    held = {0: "all", 1: ("ux", "uy", "rx", "rz")}
+    model = FrameModel(ends, elements, {"bar": bar}, held, masses=tip, n_modes=1)
+    K = STIFFNESS / L**3 * np.array([[12, -6 * L], [-6 * L, 4 * L**2]])
+    factors = np.array([1.0, 0.5])
+    exact = [
+        mode(K, np.array([[x, x * arm], [x * arm, turning + x * arm**2]]))
+        for x in m * factors
+    ]
+    parameters = {"tip": factors}
+    np.testing.assert_allclose(model(parameters).frequencies[:, 0], exact, rtol=2e-6)
+    assert model.names == ("tip",) and model.bounds == {"tip": (0.0, np.inf)}
+    assert_model(model, parameters)
+    with pytest.raises(ValueError, match="'tip' must be above zero"):
+        model({"tip": np.array([-1.0])})
+
+
+@pytest.mark.parametrize("relative", [1e-3, 1.0, 1e3])
+def test_two_bars_joined_by_a_spring_that_turns(relative):
+    """Clamped at their outer ends, a mass between them."""
+    m, c = 0.4, relative * STIFFNESS / L
+    nodes = [(0, 0, 0), (L, 0, 0), (L, 0, 0), (2 * L, 0, 0)]
+    held = {0: "all", 3: "all"} | dict.fromkeys((1, 2), ("ux", "uy", "rx", "rz"))
+    model = FrameModel(
+        nodes, [(0, 1, "bar"), (2, 3, "bar")], {"bar": Section(**LIGHT)}, held,
+        masses=[(1, m / 2), (2, m / 2)],
+        springs=[(1, 2, {"uz": 1e6 * STIFFNESS, "ry": "joint"})], n_modes=1,
+    )  # fmt: skip
+    give = L**3 / (6 * STIFFNESS) - c * L**4 / (4 * STIFFNESS**2) / (
+        1 + 2 * c * L / STIFFNESS
+    )
+    found = model({"joint": np.array([c])}).frequencies
+    np.testing.assert_allclose(found, 1 / np.sqrt(give * m) / (2 * np.pi), rtol=1e-5)
+
+
+def test_a_spring_to_the_ground_and_one_between_two_bars():
+    m, k = 0.4, 3 * STIFFNESS / L**3  # k of each cantilever
+    nodes = [(0, 0, 0), (L, 0, 0), (0, 1, 0), (L, 1, 0)]
+    only = ("ux", "uy", "rx", "rz")
+    held = {0: "all", 1: only, 2: "all", 3: only}
+    springs = [(1, None, {"uz": 0.3 * k}), (3, None, {"uz": 0.3 * k})]
+    model = FrameModel(
+        nodes, [(0, 1, "bar"), (2, 3, "bar")], {"bar": Section(**LIGHT)}, held,
+        masses=[(1, m), (3, m)], n_modes=2,
+        springs=[*springs, (1, 3, {"uz": (k, "between")})],
+    )  # fmt: skip
+    found = model({"between": np.array([0.7])}).frequencies[0]
+    exact = np.sqrt(np.array([1.3, 1.3 + 2 * 0.7]) * k / m) / (2 * np.pi)
+    np.testing.assert_allclose(found, exact, rtol=1e-6)
+
+
+def test_rigid_motions_strain_nothing_and_weigh_what_the_parts_do():
+    """Whatever the offsets, also of nodes that a spring joins from afar."""
+    rng = np.random.default_rng(4)
+    nodes = rng.normal(size=(4, 3))
+    a, b, arm, moments = *rng.normal(size=(3, 3)), (0.3, 0.5, 0.7)
+    elements = [(0, 1, "bar", (a, None)), (1, 2, "bar", (None, b))]
+    springs = [(2, 3, dict.fromkeys(DOFS, 4e3)), (0, 3, {"uy": (2e3, "k"), "rx": "k"})]
+    masses = [(3, 1.7, arm, moments), (0, (0.6, "m"))]
+    model = FrameModel(
+        nodes, elements, {"bar": Section(**BAR)}, springs=springs, masses=masses,
+        n_modes=3, skip=6,
+    )  # fmt: skip
+    rigid = np.zeros((24, 6))
+    for i, place in enumerate(nodes):
+        rigid[6 * i : 6 * i + 6] = np.eye(6)
+        rigid[6 * i : 6 * i + 3, 3:] = np.cross(np.eye(3), place).T
+    for K in (model.K0, model.K["k"]):
+        assert np.abs(K @ rigid).max() < 1e-12 * np.abs(K).max() * np.abs(rigid).max()
+    total = rigid.T @ (model.M0 + model.M["m"]) @ rigid
+    ends = np.array([[nodes[0] + a, nodes[1]], [nodes[1], nodes[2] + b]])
+    bars = MASS * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    weights = [*bars, 1.7, 0.6]
+    places = np.array([*ends.mean(axis=1), nodes[3] + arm, nodes[0]])
+    centre = np.average(places, axis=0, weights=weights)
+    np.testing.assert_allclose(total[:3, :3], np.sum(weights) * np.eye(3), atol=1e-9)
+    moved = np.sum(weights) * np.cross(np.eye(3), centre).T
+    np.testing.assert_allclose(total[:3, 3:], moved, atol=1e-9)
+    at = {"k": np.array([0.5, 2.0]), "m": np.array([1.0, 0.4])}
+    assert (model(at).frequencies > 0).all()  # six rigid modes, or it refuses
+    alone = FrameModel(
+        nodes, elements, {"bar": Section(**BAR)}, springs=springs,
+        masses=[masses[1]], n_modes=3, skip=6,
+    )  # fmt: skip
+    there = np.eye(3) * moments + 1.7 * (
+        (nodes[3] + arm) @ (nodes[3] + arm) * np.eye(3)
+        - np.outer(nodes[3] + arm, nodes[3] + arm)
+    )
+    rest = total - rigid.T @ (alone.M0 + alone.M["m"]).toarray() @ rigid
+    np.testing.assert_allclose(rest[3:, 3:], there, atol=1e-9)
+
+
+def test_a_number_times_a_parameter_is_their_product():
+    factors = {"E": 1.1, "rho": 0.9, "Iz": 1.3, "Ip": 2.0}
+    numbers = BAR | {"Ip": 3e-8}
+    named = numbers | {key: (numbers[key], f"f {key}") for key in factors}
+    plain = numbers | {key: numbers[key] * x for key, x in factors.items()}
+    nodes = [(x, 0.0, 0.1 * x**2) for x in np.linspace(0.0, L, 4)]
+    elements = [(i, i + 1, "bar") for i in range(3)]
+    models = [
+        FrameModel(nodes, elements, {"bar": Section(**bar)}, {0: "all"}, n_modes=6)
+        for bar in (named, plain)
+    ]
+    values = {f"f {key}": np.array([x]) for key, x in factors.items()}
+    found, expected = models[0](values).frequencies, models[1]({}).frequencies
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    assert {*models[0].K} == {"f E", "f E * f Iz"}
+    assert {*models[0].M} == {"f rho", "f Ip * f rho"}
+
+
+@pytest.mark.filterwarnings("ignore:the reduction does not pay")
+def test_a_reduced_frame_has_its_modes_also_with_gaps():
+    options = dict(n_modes=None, modes=[1, 3, 4], shapes=["2:uy", "12:rx"])
+    full = h_frame(["E", "Iz"], **options)
+    middle = h_values(["E", "Iz"])
+    bounds = {name: (0.8 * x.item(), 1.2 * x.item()) for name, x in middle.items()}
+    small = ef.reduce_model(full, bounds, test_points=4)
+    at = h_values(["E", "Iz"], [0.9, 1.1])
+    exact, near = full(at), small(at)
+    np.testing.assert_allclose(near.frequencies, exact.frequencies, rtol=1e-4)
+    assert small.variables == full.variables and small.dofs == full.dofs
+    signs = np.sign((near.shapes * exact.shapes).sum(axis=1, keepdims=True))
+    near = near.shapes * signs
+    np.testing.assert_allclose(near, exact.shapes, atol=0.02 * np.abs(near).max())
+
+
+def test_frequency_responses_are_those_of_its_matrices():
+    """With the flexibility of the modes that are left out."""
+    nodes = [(x, 0.0, 0.0) for x in np.linspace(0.0, L, 5)]
+    bar = {"bar": Section(**BAR | {"E": (7e10, "E"), "Iz": "Iz"})}
+    elements = [(i, i + 1, "bar") for i in range(4)]
+    frame = FrameModel(nodes, elements, bar, {0: "all"}, n_modes=4, shapes=True)
+    shapes = {dof: row for row, dof in enumerate(frame.dofs)}
+    K = {"E": frame.K["E"]}
+    K["bending"] = frame.K["E * Iz"], lambda E, Iz: E * Iz
+    matrices = ef.MatrixModel(frame.K0, frame.M0, K, frame.M, n_modes=4, shapes=shapes)
+    at = {"E": np.array([1.0, 1.1]), "Iz": np.array([9e-9, 8e-9])}
+    channels, found = [("4:uz", "2:uz"), ("4:uy", "4:uy")], []
+    for model in (frame, matrices):
+        responses = ef.frf.FRFModel(
+            model, [3.0, 7.0], channels, damping=0.02, residual=True
+        )
+        found.append(responses(at))
+    assert len(found[0]) > 1  # real and imaginary parts
+    for name, value in found[0].items():
+        np.testing.assert_allclose(value, found[1][name], rtol=1e-7)
+
+
+def test_a_link_too_stiff_to_be_solved_is_named_by_its_ratio():
+    nodes = [(x, 0.0, 0.0) for x in np.linspace(0.0, L, 6)]
+    elements = [(i, i + 1, "bar") for i in range(5)]
+    link = [(0, 5, dict.fromkeys(DOFS, 1e30))]
+    model = FrameModel(
+        nodes, elements, {"bar": Section(**BAR)}, springs=link, n_modes=2, skip=6
+    )
+    with pytest.raises(ValueError, match=r"a ratio of \de\+\d+"):
+        model({})
+
+
+def test_parts_that_do_not_fit_are_refused_by_their_numbers():
+    nodes, bar = [(0, 0, 0), (L, 0, 0), (L, 1, 0)], {"bar": Section(**BAR)}
+
+    def frame(**parts):
+        return FrameModel(nodes, [(0, 1, "bar")], bar, {0: "all"}, n_modes=1, **parts)
+
+    for parts, match in (
+        ({}, r"nodes: .*\[2\]"),
+        ({"masses": [(1, 1.0), (2, -1.0)]}, r"masses\[1\]"),
+        ({"masses": [(2, 1.0, None, (1.0, 1.0))]}, r"masses\[0\]"),
+        ({"springs": [(1, 2, {"ux": 1.0}), (1, 7, {"ux": 1.0})]}, r"springs\[1\].*7"),
+        ({"springs": [(1, 2, {"u": 1.0})]}, r"springs\[0\].*'u'"),
+    ):
+        with pytest.raises((TypeError, ValueError), match=match):
+            frame(**parts)
+    with pytest.raises(TypeError, match=r"elements\[0\]"):
+        FrameModel(nodes[:2], [(0, 1, "bar", (None,))], bar, {0: "all"}, n_modes=1)
+
+
+def test_nodes_without_mass_are_condensed():
+    """A spring from a bar to a node that nothing but another spring holds."""
+    nodes, stiff = [(0, 0, 0), (L, 0, 0), (L, 0, 0)], dict.fromkeys(DOFS, 5e3)
+    springs = [(1, 2, stiff), (2, None, stiff)]
+    options = dict(n_modes=3, shapes=["1:uz"])
+    bars = [(0, 1, "bar")], {"bar": Section(**BAR)}, {0: "all"}
+    two = FrameModel(nodes, *bars, springs=springs, **options)
+    half = [(1, None, {dof: k / 2 for dof, k in stiff.items()})]
+    one = FrameModel(nodes[:2], *bars, springs=half, **options)
+    np.testing.assert_allclose(solve(two), solve(one), rtol=1e-8)

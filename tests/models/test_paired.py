@@ -232,3 +232,64 @@ def test_sensors_that_point_backwards_change_nothing():
     for one, other in zip(*found, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12)
     assert found[0][0].min() > 0.5
+
+
+# --- without measured shapes
+
+
+class Crossing:
+    """Two uncoupled oscillators: their shapes are the two axes."""
+
+    variables = ef.modal_variables(2, range(2))
+
+    def __call__(self, parameters):
+        values = np.column_stack([parameters["a"], parameters["b"]])
+        order = np.argsort(values, axis=1)
+        shapes = np.eye(2)[order].transpose(0, 2, 1)
+        return ModalSolution(np.sort(values, axis=1), shapes)
+
+
+def test_modes_are_followed_by_their_shapes_at_a_reference():
+    """As if the shapes there had been measured."""
+    test, at = Measurements([10.0, 10.5], sd=[0.3, 0.3]), {"a": 9.0, "b": 11.0}
+    paired = PairedModel(Crossing(), test, reference=at, candidates=2)
+    given = Measurements([10.0, 10.5], shapes=np.eye(2))
+    a = np.array([9.0, 11.0])
+    for model in (paired, PairedModel(Crossing(), given, candidates=2)):
+        found = model({"a": a, "b": np.array([10.0, 10.0])})
+        np.testing.assert_array_equal(found.frequencies, [[9.0, 10.0], [11.0, 10.0]])
+        np.testing.assert_array_equal(found.model_mode, [[1, 2], [2, 1]])
+    swapped = PairedModel(
+        Crossing(), [10.0, 10.5], reference={"a": 11.0, "b": 9.0}, candidates=2
+    )
+    found = swapped({"a": np.array([9.0]), "b": np.array([10.0])})
+    np.testing.assert_array_equal(found.frequencies, [[10.0, 9.0]])
+    np.testing.assert_array_equal(paired.measurements.sd, test.sd)
+
+
+def test_a_reference_is_of_sensors_that_have_names():
+    K = {"k": np.diag([4.0, 3.0, 2.0, 1.0]) + 0.2}
+    model = ef.MatrixModel(
+        np.zeros((4, 4)), np.eye(4), K, n_modes=4, shapes={"x": 2, "y": 0, "z": 1}
+    )
+    paired = PairedModel(model, [0.2, 0.3], reference={"k": 1.0})
+    assert [*paired.variables["shapes"].coords["dof"]] == ["x", "y", "z"]
+    np.testing.assert_allclose(paired({"k": np.array([3.0])}).mac, 1.0, rtol=1e-9)
+
+
+def test_what_is_wrong_with_a_reference_is_named():
+    K, shaped = {"k": np.eye(2)}, Measurements([1.0], shapes=[[1.0], [2.0]])
+    model = ef.MatrixModel(np.diag([1.0, 2.0]), np.eye(2), K, n_modes=2, shapes=True)
+    without = ef.MatrixModel(np.diag([1.0, 2.0]), np.eye(2), K, n_modes=2)
+    for given, test, reference, match in (
+        (model, shaped, {"k": 1.0}, "^reference"),
+        (model, [1.0], {}, "^reference.*'k'"),
+        (model, [1.0], {"k": "1"}, "^reference"),
+        (model, [1.0], [1.0], "^reference"),
+        (without, [1.0], {"k": 1.0}, "^reference"),
+        (model, [1.0, 2.0, 3.0], {"k": 1.0}, "^measurements: 3"),
+        (model, [1.0, -2.0], {"k": 1.0}, "^measurements"),
+        (model, Measurements([1.0]), None, "^measurements.*reference="),
+    ):
+        with pytest.raises((TypeError, ValueError), match=match):
+            PairedModel(given, test, reference=reference)

@@ -8,10 +8,10 @@ import numpy as np
 from ...contracts import Floats, Reported
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import InferenceData, groups, unit_of, wrap
-from ...results.fit import Statement
 from ...results.to_arviz import convert, pick_some
 from ...sampling.importance import GOOD_K
 from ...sampling.record import Chains
+from ...sampling.verdict import Statement
 from ...table import Parts, Report, Table, unit_column
 
 # Efficiency above which weights are so equal that their tail is no matter.

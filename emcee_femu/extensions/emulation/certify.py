@@ -16,18 +16,18 @@ from ...evaluation.resume import open_evaluator
 from ...evaluation.samplers import check_progress, progress_bar
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import InferenceData, dataset, samples
-from ...results.diagnose import (
-    NOT_CONVERGED,
-    NOT_SEARCHED,
-    SEARCHED,
-    TOO_SHORT,
-    diagnose,
-)
-from ...results.fit import Statement
+from ...results.diagnose import diagnose
 from ...results.to_arviz import check_sampled, read_samples
 from ...sampling.climbing import Maximum, climb
 from ...sampling.importance import GOOD_K, kish_share, normalise, smooth_tail
 from ...sampling.judge import FEWEST_STEPS
+from ...sampling.verdict import (
+    NOT_CONVERGED,
+    NOT_SEARCHED,
+    SEARCHED,
+    TOO_SHORT,
+    Statement,
+)
 from .certificate import EQUAL_WEIGHTS, Certificate
 from .emulated_chain import (
     EmulatedChain,

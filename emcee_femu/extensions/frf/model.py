@@ -18,7 +18,7 @@ from ...contracts import (
     show_declared,
 )
 from ...models.inputs import derive_along
-from ...models.matrix import MatrixModel
+from ...models.matrix import AffineModel
 from ...models.static import StaticModel
 from .measurements import FRF_KINDS, frf_variable, read_channels, read_kind, read_lines
 
@@ -248,13 +248,13 @@ def _read_damping(damping: Any, n_modes: int) -> tuple[float | str, ...]:
 
 def _build_static(model: object, rows: list[int], columns: list[int]) -> Static:
     """Return a model of the flexibility, and each channel's load case and point."""
-    if not isinstance(model, MatrixModel) or model.skip:
+    if not isinstance(model, AffineModel) or model.skip:
         raise TypeError(
-            "residual: expected a MatrixModel without rigid-body modes, whose "
-            f"stiffness gives the flexibility, got {type(model).__name__}; take more "
-            "modes instead"
+            "residual: expected a MatrixModel or FrameModel without rigid-body modes, "
+            f"whose stiffness gives the flexibility, got {type(model).__name__}; take "
+            "more modes instead"
         )
-    dofs = model.shape_dofs
+    dofs = model.rows
     responses, excitations = ([dofs[i] for i in side] for side in (rows, columns))
     loads = {str(dof): {dof: 1.0} for dof in excitations}
     points, functions = [*dict.fromkeys(responses)], model.coefficients.parts[0]

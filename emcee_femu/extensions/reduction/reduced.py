@@ -29,7 +29,7 @@ from ...contracts import (
 from ...models.assembled import AssembledModel
 from ...models.geometry import Geometry
 from ...models.inputs import read_inside
-from ...models.matrix import MatrixModel
+from ...models.matrix import AffineModel
 from ...table import Parts, Report
 from .ritz_basis import GOOD_IN_A_ROW, RESERVE, ProjectedSum, RitzBasis, not_reached
 
@@ -136,7 +136,7 @@ class ReducedModel(Report):
 
 
 def reduce_model(
-    model: MatrixModel | AssembledModel,
+    model: AffineModel | AssembledModel,
     bounds: Mapping[str, tuple[float, float]],
     tolerance: float = 1e-4,
     *,
@@ -164,7 +164,7 @@ def reduce_model(
         The reduced model, with its certificate.
 
     Raises:
-        TypeError: If model is neither a MatrixModel nor an AssembledModel.
+        TypeError: If model is none of MatrixModel, FrameModel and AssembledModel.
         ValueError: If bounds do not fit the parameters, or the tolerance is not
             reached with ``max_solves`` full solves.
 
@@ -189,9 +189,9 @@ def reduce_model(
         >>> bool(np.allclose(small(at).frequencies, full(at).frequencies, rtol=1e-3))
         True
     """
-    if not isinstance(model, MatrixModel | AssembledModel):
+    if not isinstance(model, AffineModel | AssembledModel):
         raise TypeError(
-            "model: expected a MatrixModel or an AssembledModel, got "
+            "model: expected a MatrixModel, FrameModel or AssembledModel, got "
             f"{type(model).__name__}"
         )
     box = _read_bounds(bounds, model.names)
@@ -279,7 +279,7 @@ def _read_bounds(
 
 
 def _measure_speed_up(
-    model: MatrixModel | AssembledModel, reduced: ReducedModel
+    model: AffineModel | AssembledModel, reduced: ReducedModel
 ) -> float:
     """Return the time of the full model over that of the other, per parameter set."""
     rng, box = np.random.default_rng(0), reduced.bounds

@@ -13,7 +13,7 @@ from ...models.coefficients import Coefficients
 from ...models.eigen_dense import Eigenproblem, combine
 from ...models.eigen_sparse import check_mass, lowest_modes
 from ...models.inputs import describe
-from ...models.matrix import MatrixModel, sparse_problem
+from ...models.matrix import AffineModel, sparse_problem
 
 GOOD_IN_A_ROW = 3  # full solves in a row that bring nothing new
 RESERVE = 0.2  # share of that for the basis before truncation
@@ -60,13 +60,13 @@ class RitzBasis:
 
     def __init__(
         self,
-        model: MatrixModel | AssembledModel,
+        model: AffineModel | AssembledModel,
         bounds: dict[str, tuple[float, float]],
         tolerance: float,
     ) -> None:
         self.model, self.bounds = model, bounds
         self.units: list[csc_array] = []  # of K and M
-        if isinstance(model, MatrixModel):
+        if isinstance(model, AffineModel):
             self.sums = sparse_problem(model)
             self.units = [*self.sums.K, *self.sums.M]
         self.inside = [np.empty((0, 0)) for _ in self.units]  # of these, in the basis
@@ -106,7 +106,7 @@ class RitzBasis:
         ):  # a constant one was checked
             check_mass(M, f"the mass matrix at {where}")
         massive = int(np.count_nonzero(M.diagonal()))
-        count = min(self.model.skip + self.model.n_modes + BUFFER, massive)
+        count = min(self.model.skip + self.model.modes[-1] + BUFFER, massive)
         self.points.append(point)
         return lowest_modes(K, M, count, self.model.skip, where)
 
@@ -115,11 +115,13 @@ class RitzBasis:
         new = shapes / np.sqrt(np.abs(eigenvalues) + self.shift)  # unit energy
         rigid = np.arange(new.shape[1]) < self.model.skip
         self.snapshots.append(new * np.where(rigid, RIGID_WEIGHT, 1.0))
-        for _ in range(2):  # once leaves the rounding of a difference behind
-            new = new - self.V @ (self.V.T @ (self.A @ new))
-        energy, directions = np.linalg.eigh(new.T @ (self.A @ new))
-        kept = energy > NEW_ENERGY**2
-        new = new @ (directions[:, kept] / np.sqrt(energy[kept]))
+        # Then energies are one, but of what was the rounding of a difference.
+        for least in (NEW_ENERGY**2, 0.5):
+            for _ in range(2):
+                new = new - self.V @ (self.V.T @ (self.A @ new))
+            energy, directions = np.linalg.eigh(new.T @ (self.A @ new))
+            kept = energy > least
+            new = new @ (directions[:, kept] / np.sqrt(energy[kept]))
         # What was projected before stays; of large models the rest would take longer
         # than a solve.
         for i, unit in enumerate(self.units):
@@ -140,8 +142,8 @@ class RitzBasis:
         )
         K, M = inside[: len(self.sums.K)], inside[len(self.sums.K) :]
         M[0] += self.added * np.eye(M.shape[1])  # where the energy A is the identity
-        wanted = model.skip + np.arange(model.n_modes)
-        at_dofs = self.V[list(model.shape_dofs)]
+        wanted = model.skip + np.array(model.modes) - 1
+        at_dofs = self.V[list(model.rows)]
         output = at_dofs if T is None else at_dofs @ T
         problem = Eigenproblem(K, M, wanted, model.skip, output)
         return ProjectedSum(K, M, model.coefficients, problem)
@@ -181,7 +183,7 @@ class RitzBasis:
             directions.T @ part @ directions
             for part in self.matrices(self.project(), points)
         )
-        modes = slice(self.model.skip, self.model.skip + self.model.n_modes)
+        modes = slice(self.model.skip, self.model.skip + self.model.modes[-1])
 
         def solve(size: int) -> Floats:
             inverse = np.linalg.inv(np.linalg.cholesky(M[:, :size, :size]))
@@ -206,7 +208,7 @@ class RitzBasis:
 
         The largest relative error of a frequency, and the largest 1 - MAC.
         """
-        skip, n_modes = self.model.skip, self.model.n_modes
+        skip, n_modes = self.model.skip, self.model.modes[-1]
         (K,), (M,) = self.matrices(small, point[None])
         squares, y = eigh(K, M)
         reduced = np.sqrt(squares[skip:][:n_modes]) / (2 * np.pi)

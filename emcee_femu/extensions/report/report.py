@@ -149,7 +149,9 @@ def report(
         run=run,
         diagnosis=diagnose(run or idata, discard if run else 0),
         certificate=held["certificate"].attrs if "certificate" in held else None,
-        parameters=parameter_table(idata),
+        parameters=parameter_table(
+            idata, var_names=[*map(str, idata["posterior"].data_vars)]
+        ),
         frequencies=[
             frequency_table(idata, sampled, None, e) for e in with_frequencies
         ],

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..contracts import Floats
-from ..sampling.importance import pareto_k
-from ..sampling.judge import expected_acceptance, mean_sizes, spread_out
-from ..sampling.record import Chains
 from ..table import Parts, Report, Table
+from .importance import pareto_k
+from .judge import expected_acceptance, mean_sizes, spread_out
+from .record import Chains
 
 MOST_WEIGHED = 20_000  # whose Pareto k is found
 CHUNK = 20_000

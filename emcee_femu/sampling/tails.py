@@ -1,0 +1,96 @@
+"""Follow the tails of a posterior outwards, to arms that its draws do not see.
+
+A thin arm begins where a posterior seems to end. It may hold little of the mass and
+much of the variance, and a chain that never met it looks well.
+"""
+
+import numpy as np
+
+from ..contracts import Floats
+from ..evaluation.evaluator import Evaluation
+from .climbing import Maximum, climb
+from .proposals import Component, Draws
+
+# A tail begins at a value that so large a share of the draws pass. Its slabs are so
+# wide, in sds, and go on while they hold so much of the variance. Unless so many errors
+# are less than what the draws say of one, it is climbed.
+TAIL_SHARE, TAIL_WIDTH, TAIL_MATTERS, MOST_SLABS = 0.003, 0.8, 1e-3, 40
+WELL_SEEN = 4.5  # 20 effective draws
+TAIL_PART = 0.1  # of a variance, below which a standard deviation is right to 5 %
+STRETCHED = 1 / 6  # of the squared way through a slab: twice the variance along it
+
+
+def climb_tails(evaluator: Evaluation, draws: Draws, most: float) -> list[Component]:
+    """Return components for slabs that hold variance and are hardly seen by draws.
+
+    From a value of a parameter that few draws pass, slabs outwards are climbed in turn,
+    to where nothing matters to its variance. Laplace's evidence of a slab is what lies
+    in it.
+
+    Args:
+        evaluator: What evaluates.
+        draws: Weighted draws.
+        most: Solves after which no climb begins.
+    """
+    for j in range(draws.x.shape[1]):
+        lower, upper = (_follow(evaluator, draws, j, side, most) for side in (0, 1))
+        if lower or upper:
+            return lower + upper  # which other parameters may see too
+    return []
+
+
+def _follow(
+    evaluator: Evaluation, draws: Draws, j: int, side: int, most: float
+) -> list[Component]:
+    """Return components for the lower or the upper tail of a parameter."""
+    bounds, sign = evaluator.posterior.prior.bounds, 2 * side - 1
+    x, shares, found = draws.x, draws.shares, []
+    mean, guess = shares @ x, np.atleast_2d(np.cov(x.T, aweights=shares, ddof=0))
+    sd = np.sqrt(guess[j, j])
+    order = np.argsort(x[:, j])[::-sign]
+    place = x[order[int(np.searchsorted(shares[order].cumsum(), TAIL_SHARE))]]
+    value, way = place[j], 0.0 * place
+    for _ in range(MOST_SLABS):
+        further = np.clip(value + sign * TAIL_WIDTH * sd, *bounds[j])
+        if further == value or evaluator.solves > most:
+            break
+        box = bounds.copy()
+        box[j] = sorted([value, further])
+        inside = np.flatnonzero((x[:, j] > box[j, 0]) & (x[:, j] < box[j, 1]))
+        seen, error = shares[inside].sum(), np.sqrt((shares[inside] ** 2).sum())
+        square, before = ((value - mean[j]) / sd) ** 2, way
+        if seen > WELL_SEEN * error and seen * square > TAIL_MATTERS:
+            end, part = x[inside[np.argmax(draws.log_p[inside])]], seen * square
+            way = end - place
+        else:
+            start = np.clip(place + way, *box.T)
+            (top,) = climb(evaluator, start[None], guess, box=box, masses=True)
+            part = square * float(np.exp(top.log_evidence - draws.log_evidence))
+            end, guess = top.theta, top.covariance
+            way = end - place
+            if way @ before < 0:  # from one arm to another
+                way = 0.0 * way
+            if part > TAIL_MATTERS:
+                found.append((part, *_within(top, j, box, way)))
+        if not max(part, seen * square) > TAIL_MATTERS:
+            break
+        value, place = further, end
+    total = sum(part for part, *_ in found)
+    if total < TAIL_PART:
+        return []
+    # Alike, since a slab that is hardly met says little of what it holds.
+    return [(total / len(found), mean, matrix) for _, mean, matrix in found]
+
+
+def _within(top: Maximum, j: int, box: Floats, way: Floats) -> tuple[Floats, Floats]:
+    """Return mean and matrix of what is in a slab of parameter j.
+
+    It is stretched along the way through the slab. At a bound of another parameter the
+    density is an exponential, whose mean is one spread inside.
+    """
+    low, high = box.T
+    pressed = top.at_bound & (np.arange(len(low)) != j)
+    sds = np.minimum(np.sqrt(np.diag(top.covariance)), (high - low) / 2)
+    inwards = np.where(top.theta == low, sds, -sds)
+    mean = top.theta + np.where(pressed, inwards, -way / 2)
+    return mean, top.covariance + STRETCHED * np.outer(way, way)
