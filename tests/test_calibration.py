@@ -84,6 +84,7 @@ LEVEL = 0.001 / (len(SETTINGS) * len(QUANTITIES))
 @pytest.mark.slow
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_the_truth_ranks_uniformly_among_the_draws(setting):
+    """The law of the whole chain of solver, likelihood, prior and moves."""
     seed = 1 + list(SETTINGS).index(setting)  # other data sets for each
     found = ranks(SETTINGS[setting], 120, seed)
     assert p_values(found).min() > LEVEL
@@ -92,18 +93,21 @@ def test_the_truth_ranks_uniformly_among_the_draws(setting):
 @pytest.mark.slow
 @pytest.mark.parametrize("mutant", MUTANTS)
 def test_the_ranks_of_a_broken_move_are_not_uniform(mutant):
+    """The power of the law: a move that is no Metropolis move fails."""
     moves, datasets = MUTANTS[mutant]
     assert p_values(ranks(moves, datasets, seed=11)).min() < LEVEL
 
 
 @pytest.mark.slow
 def test_the_ranks_under_a_likelihood_that_states_twice_the_noise_are_not_uniform():
+    """The power of the law: a likelihood of another width fails."""
     found = ranks(SETTINGS["DE-MC"], 60, seed=12, stated_beta=BETA / 4)
     assert p_values(found).min() < LEVEL
 
 
 @pytest.mark.slow
 def test_the_truth_ranks_uniformly_among_the_draws_of_auto(monkeypatch):
+    """The law for "auto", whose proposal is made anew for every data set."""
     shorten_search(monkeypatch)
     assert p_values(auto_ranks(mass_spring, 80, 21)).min() > 0.001 / len(QUANTITIES)
     name = "emcee_femu.sampling.record.IndependenceMove"

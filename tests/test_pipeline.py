@@ -68,6 +68,7 @@ def test_the_evidence_constant_is_right():
 
 @pytest.mark.slow
 def test_mass_spring_agrees_with_importance_sampling():
+    """The law of the default run: moments by a route without chains."""
     posterior = ef.paper.mass_spring().posterior
     pilot = ef.run(posterior, seed=3, ensembles=1)[0].get_chain(flat=True)
     lobe = pilot[pilot[:, 2] < 1_980]  # a second mode of 3 % of the mass

@@ -31,6 +31,7 @@ def pyoma2(example):
 
 @pytest.mark.slow
 def test_ambient_vibration(pyoma2, capsys):
+    """The law of the page: the exact frequencies, within what is claimed of them."""
     path = EXAMPLES / "how_to" / "ambient_vibration.py"
     page = runpy.run_path(str(path), run_name="__main__")
     measured, diagnosis = page["measured"], page["diagnosis"]

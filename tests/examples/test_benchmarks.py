@@ -10,6 +10,7 @@ from support.examples import load
 
 @pytest.mark.slow
 def test_benchmark(capsys):
+    """The law of its page: "auto" finds the weight, and beats what emcee has."""
     found = load("benchmark").main(steps=400, repeats=1, only="bim5")
     auto = found["bim5", "auto (ours)"]
     assert auto[0] > 60  # ESS per 1000 evaluations; emcee's DEMove has 17
@@ -19,12 +20,14 @@ def test_benchmark(capsys):
 
 @pytest.mark.slow
 def test_overhead(capsys):
+    """What the page quotes is printed, once for each move and size."""
     load("overhead").main(blocks=2, n=20)
     assert capsys.readouterr().out.count("x faster") == 12
 
 
 @pytest.mark.slow
 def test_evidence(monkeypatch, capsys):
+    """What the page quotes is printed, of one target."""
     options = ["--seeds", "2", "--processes", "1", "--problem", "Gaussian, d=2"]
     monkeypatch.setattr(sys, "argv", ["evidence.py", *options, "--method", "auto"])
     module = load("evidence")  # whose functions no other process could import
@@ -36,6 +39,7 @@ def test_evidence(monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_annealed_evidence(monkeypatch, capsys):
+    """What the page quotes is printed, of one target."""
     options = ["--seeds", "2", "--size", "200", "--target", "two modes"]
     monkeypatch.setattr(sys, "argv", ["annealed_evidence.py", *options])
     load("annealed_evidence").main()
@@ -45,6 +49,7 @@ def test_annealed_evidence(monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_hamiltonian():
+    """The law of its page: gradients win in twenty dimensions."""
     table = load("benchmarks/hamiltonian").main((20,), 4_000, 1)
     assert table.column("HMC")[0] > 5 * table.column("DE-MC")[0]
 
@@ -116,6 +121,7 @@ def test_their_posteriors_are_the_published_ones(name, exact):
 
 @pytest.mark.slow
 def test_few_solves(monkeypatch, capsys):
+    """The law of its page: solves by derivatives, and without, that suffice."""
     options = ["--seeds", "1", "--first", "7", "--problem", "beck_au"]
     monkeypatch.setattr("sys.argv", ["few_solves.py", *options])
     for (_, derivatives), (one,) in FEW.main().items():
@@ -144,6 +150,7 @@ def test_cluster_scaling(capsys):
 
 @pytest.mark.slow
 def test_curved_posteriors(monkeypatch, capsys):
+    """What the page quotes is printed, of one problem."""
     options = ["--problem", "springs", "--seeds", "2", "--steps", "20"]
     monkeypatch.setattr(sys, "argv", ["curved_posteriors.py", *options])
     module = load("curved_posteriors")

@@ -55,12 +55,14 @@ def test_opensees_frame(capsys):
 
 @pytest.mark.slow
 def test_pynite_frame():
+    """The law of the page, as of OpenSees."""
     pytest.importorskip("Pynite", reason="pip install 'emcee_femu[pynite]'")
     check_update("pynite")
 
 
 @pytest.mark.slow
 def test_skfem_plate(plate):
+    """The law of the page, as of OpenSees."""
     check_update("scikit_fem")
 
 

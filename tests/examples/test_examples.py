@@ -107,6 +107,7 @@ def serial(steps, seed):
 @pytest.mark.slow
 @leaves_sockets
 def test_cluster(capsys):
+    """The law of the script: on a cluster of dask the serial chain."""
     pytest.importorskip("distributed", reason="dask is not installed")
     chain = load("cluster").main(steps=10, seconds=0.001, seed=2)
     assert np.array_equal(chain, serial(10, 2))

@@ -101,17 +101,6 @@ def test_an_ellipse_where_samples_are_gaussian_and_regions_elsewhere(label):
         assert inside(lines, 0, places).tolist() == [False, True, True, False]
 
 
-@pytest.mark.parametrize(("steps", "memory"), [(7, 0.0), (STEPS, 0.995)])
-def test_few_or_slow_gaussian_samples_have_ellipses_in_every_panel(steps, memory):
-    """Outlines of 56 draws, or of as many as 4,000 slow ones are worth, are ragged."""
-    x = np.random.default_rng(5).normal(size=(CHAINS, steps, 4))
-    for step in range(1, steps):
-        x[:, step] = memory * x[:, step - 1] + np.sqrt(1 - memory**2) * x[:, step]
-    figure = ef.figures.plot_scatter(made(x))
-    patches = [patch for axes in figure.axes for patch in axes.patches]
-    assert sum(isinstance(patch, Ellipse) for patch in patches) == 6
-
-
 def test_a_density_that_leans_on_a_bound_does_not_fade_there():
     bounds = [(0.0, np.inf), (-np.inf, np.inf)]
     leaning = made(np.abs(NORMAL) * [1, 0] + NORMAL * [0, 1], bounds)

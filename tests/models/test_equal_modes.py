@@ -107,7 +107,7 @@ def test_the_lowest_modes_are_all_found(name, n_modes):
     assert wrong(name, n_modes, 3, seed=1) == 0
 
 
-@pytest.mark.slow  # 12,000 solves, each beside LAPACK: minutes
+@pytest.mark.slow  # the same law at 9,000 draws, each beside LAPACK: minutes
 @pytest.mark.parametrize("n_modes", [4, 6, 7, 9, 20])
 @pytest.mark.parametrize("name", STRUCTURES)
 def test_the_lowest_modes_are_all_found_everywhere(name, n_modes):

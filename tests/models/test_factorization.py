@@ -3,7 +3,6 @@
 import gc
 import pickle
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from ctypes import byref, c_int
 
 import numpy as np
@@ -155,19 +154,6 @@ def test_memory_lasts_as_long_as_a_solve(pardiso):
             with pytest.raises(ValueError, match="not positive definite"):
                 model({"k": np.array([k])})
     assert held() - before < sparse.triu(K).data.nbytes / 2  # of one factor, at most
-
-
-def test_threads_have_factors_of_their_own(pardiso):
-    model, _ = sprung(30)
-
-    def solve(k):
-        rows = np.full(5, k)
-        return model({"k": rows})["displacement"]
-
-    values = np.linspace(0.0, 3.0, 16)
-    expected = [solve(k) for k in values]
-    with ThreadPoolExecutor(4) as executor:
-        np.testing.assert_array_equal([*executor.map(solve, values)], expected)
 
 
 def test_a_model_that_was_solved_is_sent_to_other_processes(pardiso):

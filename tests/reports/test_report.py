@@ -3,7 +3,6 @@
 import hashlib
 import html
 import re
-import sys
 
 import arviz
 import emcee
@@ -177,9 +176,3 @@ def test_each_term_is_described_by_its_formula(model, term, words, tmp_path):
     page = write(tmp_path, sample(ef.LogPosterior(model, term, NORMAL)))
     assert words in said(page).partition("of the likelihood:")[2].partition("Solves")[0]
     assert page.count("<tr>") < 40  # many values are counted and not listed
-
-
-def test_without_jinja_the_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "jinja2", None)
-    with pytest.raises(ImportError, match=r"emcee_femu\[report\]"):
-        ef.report(None, tmp_path / "report.html")

@@ -57,7 +57,7 @@ def shifted():
     ids=["near", "shifted", "far from the true mean"],
 )
 def test_moments_are_the_exact_ones_and_errors_are_honest(emulated, true, phi):
-    """Squares scatter about the true mean less than about the emulated one."""
+    """The law of certificates: z-scores of unit size, over twenty seeds each."""
     found = [
         certify(emulated, true, n=2_000, seed=s, solves=180, phi=phi) for s in range(20)
     ]
@@ -267,7 +267,7 @@ def two_modes(share, variance=0.25):
 @pytest.mark.slow
 @pytest.mark.parametrize("variance", [0.25, 2.25])  # the second by its volume alone
 def test_a_mode_that_the_emulator_lacks_is_found_by_climbing(variance):
-    """Which weights cannot see: climbs find half, mostly a twentieth, not less."""
+    """The law of climbs: they find half, mostly a twentieth, not less."""
     idata = sampled(posterior(AWAY), draws(AWAY, 4_000, 1))
     for share, least, most in ((0.5, 4, 6), (0.05, 3, 6), (3e-3, 0, 0), (1e-4, 0, 0)):
         true = two_modes(share, variance if most else 0.25)

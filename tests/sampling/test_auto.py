@@ -217,6 +217,8 @@ class Exponential:
 
 @pytest.mark.slow
 def test_skew_parameters_are_moved_by_gradients_where_there_are_any():
+    """The law of gradients in "auto": twelve skew marginals, by quadrature."""
+
     def term(parameters, response):
         return -0.5 * (((response["y"] - 1) / 0.5) ** 2).sum(axis=1)
 

@@ -17,7 +17,7 @@ from support.systems import KILL
 
 from emcee_femu import EvaluationPool
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.slow  # the law that a cluster gives the serial chain
 
 
 def chain(pool=None):

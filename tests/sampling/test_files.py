@@ -35,7 +35,7 @@ from support.systems import inherits, posix
 
 import emcee_femu as ef
 
-SLOW = pytest.mark.slow
+SLOW = pytest.mark.slow  # the same laws, of what is fitted anew or killed
 PROBE = 16  # stored points that are solved again, at most
 INSIDE = ["chain", "tempered", "auto", "anneal"]  # that count in this process
 FITTED = pytest.param("emulate", marks=SLOW)  # anew after each batch: 10 s each
@@ -154,14 +154,6 @@ def kill(task, *arguments):
 )
 def test_kills_at_random_times_leave_the_bits_of_a_whole_run(path, kind):
     assert kill("random_kills", kind, str(path), 5) >= 2
-
-
-@SLOW
-@posix
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_full_disk_is_named_and_loses_nothing(path, kind):
-    """The law of a transaction: a write that finds no room leaves what was there."""
-    assert kill("full_disks", kind, str(path), 3) == 3
 
 
 # --- damage ------------------------------------------------------------------------

@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from support.examples import load
+from support.free_posterior import free_posterior
 from support.gradients import MEASURED, SHAPES, Derived
 from support.pool_problems import forks
 from support.tempered_laws import GaussianLaw
@@ -12,33 +13,14 @@ from support.tempered_laws import GaussianLaw
 import emcee_femu as ef
 
 
-class NoModel:
-    """Counts its solves; the density stands in the term."""
-
-    variables = {"x": ef.Variable({})}
-
-    def __init__(self):
-        self.solves = 0
-
-    def __call__(self, parameters):
-        n = len(next(iter(parameters.values())))
-        self.solves += n
-        return {"x": np.zeros(n)}
-
-
-def density_posterior(log_density, spread, bounds=None, model=None):
+def density_posterior(log_density, spread, bounds=None):
     """Return a posterior of that density, with a prior of that spread."""
     names = [f"x{i}" for i in range(len(spread))]
     mean = np.zeros(len(spread))
     if bounds is not None:  # within which a prior's mean has to be
         mean = np.clip(mean, *np.transpose(bounds))
     prior = ef.GaussianPrior(names, mean, spread, bounds)
-
-    def term(parameters, response):
-        theta = np.stack([parameters[name] for name in names], axis=1)
-        return log_density(theta) - prior.logpdf(theta)
-
-    return ef.LogPosterior(model or NoModel(), term, prior)
+    return free_posterior(lambda x: log_density(x) - prior.logpdf(x), prior)
 
 
 class Counting:

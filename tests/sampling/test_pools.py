@@ -36,7 +36,7 @@ from support.systems import KILL, inherits, need_start_method, posix
 import emcee_femu as ef
 from emcee_femu import EvaluationPool
 
-SLOW = pytest.mark.slow
+SLOW = pytest.mark.slow  # the same laws where processes start anew
 spawn = pytest.param("spawn", marks=SLOW)  # starts processes anew
 anew = [spawn, pytest.param("forkserver", marks=SLOW)]
 
@@ -270,24 +270,6 @@ def test_an_error_of_the_solver_arrives_with_its_place_or_is_counted(name, fault
     agree(pooled, serial)
     assert failures(pooled) == failures(serial)
     assert failures(pooled)[1]["exception"] > 0
-
-
-@inherits
-@pytest.mark.parametrize("raised", [ArithmeticError, KeyboardInterrupt])
-def test_an_error_names_the_place_and_ends_solves_that_take_long(raised):
-    def solver(p):
-        if p["k"] == 1.0:
-            time.sleep(0.1)  # while the others have begun, or wait
-            raise raised("no licence")
-        time.sleep(2 * HANGS)
-
-    starts = np.full((64, 2), 0.9)
-    starts[0, 0] = 1.0
-    with pytest.raises((raised, RuntimeError)) as caught:
-        run(solver, posterior=posterior_of(solver), starts=starts, workers=2)
-    if raised is ArithmeticError:
-        assert "'k': 1.0" in "".join(caught.value.__notes__)
-    assert not multiprocessing.active_children()
 
 
 @forks

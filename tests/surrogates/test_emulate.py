@@ -9,21 +9,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
-from support.few_solves import (
-    DATA,
-    DESIGN,
-    PRIOR,
-    SD,
-    Gaussian,
-    bent,
-    broken,
-    linear,
-    posed,
-    rippled,
-    square,
-)
+from support.few_solves import bent, broken, linear, posed, rippled, square
 from support.pool_problems import forks
 from support.printed import unwrapped
+from support.stored import DATA, DESIGN, PRIOR, SD, Gaussian
 
 import emcee_femu as ef
 
@@ -96,7 +85,7 @@ def test_a_conjugate_posterior_is_known_exactly_after_two_batches(derivatives):
 
 @SLOW
 def test_both_modes_are_found_with_their_weights():
-    """Two modes need 30 solves."""
+    """The law of several modes: their shares, by quadrature."""
     term = Gaussian(np.array([1.0, 0.2]), 0.2)
     prior = ef.GaussianPrior(["a", "b"], [0.3, 0.0], 1.0, [(-3.0, 3.0)] * 2)
     emulated = ef.emulate(posed(square, term=term, prior=prior), 30, seed=2)
@@ -154,7 +143,7 @@ def test_inferred_errors_are_no_inputs_of_the_emulator_nor_of_its_derivatives():
 @SLOW
 @pytest.mark.parametrize("n_terms", [1, 2])
 def test_modes_that_are_paired_are_emulated_in_units_of_their_errors(n_terms):
-    """Candidates, each with the error of its measured one; shapes tell the pairs."""
+    """The law of paired modes: shapes tell the pairs, each with its error."""
     K = {
         "a": np.diag([1.0, 0, 0]),
         "b": np.array([[1, -1, 0], [-1, 2, -1], [0, -1, 1.0]]),
@@ -200,7 +189,7 @@ def swaying_slopes(x):
 
 @SLOW
 def test_a_sharp_posterior_is_reached_in_stages():
-    """A thousand times narrower than its prior; first errors are hundreds of sds."""
+    """The law of stages: a thousand times narrower than its prior."""
     truth = np.array([0.7, -0.5, 1.0, 0.2, -0.9, 0.4])
     term = Gaussian(swaying(truth), 1e-3)
     posterior = sloped(swaying, swaying_slopes, SIX_PRIOR, term)
@@ -241,7 +230,7 @@ def test_logarithms_are_taken_where_they_leave_smaller_errors(function):
 
 @SLOW
 def test_a_parameter_is_seen_by_itself_however_the_draws_lie():
-    """They lie along a + b = 0, and part of the response waves along b alone."""
+    """The law of axes: draws lie along a + b = 0, and waves along b alone."""
 
     def waving(x):
         return np.array([x[0] + x[1], 0.3 * np.sin(4.0 * x[1]), 0.1 * x[0]])
@@ -267,7 +256,7 @@ def eleven():
 @SLOW
 @pytest.mark.parametrize("seed", [1, 4])
 def test_it_ends_once_two_true_errors_running_are_within_tolerance(seed):
-    """Waves that no few points can show: predicted errors would end it elsewhere."""
+    """The law of the end: by true errors; predicted ones would end it elsewhere."""
     history = ef.emulate(posed(rippled), 22, seed=seed, tolerance=0.1).history
     spent = history.column("solves")
     assert spent[-1] == 22
@@ -331,7 +320,7 @@ def hopeless(x):
 
 @SLOW
 def test_failed_solves_are_left_out_and_not_asked_again(caplog):
-    """Half of the posterior, about: there the emulator knows least."""
+    """The law of failures, in half of the posterior, of which little is known."""
     caplog.set_level(logging.CRITICAL, "emcee_femu")
     posterior, reject = posed(half), {"on_failure": "reject", "max_failures": 1.0}
     emulated = ef.emulate(posterior, 30, **ALL, **reject)
@@ -351,7 +340,7 @@ def test_failed_solves_are_left_out_and_not_asked_again(caplog):
 @SLOW
 @forks
 def test_a_round_is_as_wide_as_the_pool_and_files_go_on(tmp_path):
-    """Four emulators, and two with processes."""
+    """The law of batches: as many points as workers, stored and gone on with."""
     options = ALL | {"backend": str(tmp_path / "run.solves")}
     with ThreadPoolExecutor(5) as executor:
         emulated = ef.emulate(posed(), 16, pool=executor, **options)
@@ -377,7 +366,7 @@ def test_a_round_is_as_wide_as_the_pool_and_files_go_on(tmp_path):
 
 @SLOW
 def test_derivatives_save_solves_and_can_be_switched_off():
-    """Three emulators."""
+    """The law of derivatives: a thousandth of the error for as many solves."""
 
     def waves(x):
         return DESIGN @ x + 0.3 * np.sin(4.0 * x[0]) * np.array([1.0, 0.5, -1.0])
@@ -399,7 +388,7 @@ def test_derivatives_save_solves_and_can_be_switched_off():
 
 @SLOW
 def test_points_without_derivatives_are_learned_by_their_values_and_wrong_ones_too():
-    """Two emulators of 14 and 24 solves."""
+    """The law of doubt: what is missing or wrong is done without."""
 
     def refuse(x):
         if x[0] > 0.5:
