@@ -1,4 +1,4 @@
-"""The built site in a browser: pictures, links, console, widths, formulas.
+"""The built site in a browser: pictures, links, console, widths.
 
 Run after the build, ``python -m sphinx docs docs/_build/html``. Pages ask no other site
 for anything that they need.
@@ -124,14 +124,6 @@ def test_every_figure_is_a_picture():
     for path, text in texts.items():
         if Path(path).stem in pages and "generated" not in path:
             assert "data:image" in text or "_images/" in text, path
-
-
-def test_formulas_are_set_by_the_site_itself(tab):
-    scripts = {path: Links((SITE / path).read_text("utf-8")).scripts for path in PAGES}
-    assert {s for found in scripts.values() for s in found if "://" in s} == set()
-    tab.goto(f"{tab.own}/explanation/likelihoods.html", wait_until="load")
-    tab.wait_for_selector("mjx-container", timeout=10_000)
-    assert tab.locator("mjx-merror").count() == 0 and tab.complaints == []
 
 
 class Links(HTMLParser):

@@ -109,17 +109,6 @@ def test_a_solve_that_fails_says_why_and_leaves_nothing(
 
 
 @posix
-def test_a_missing_licence_is_waited_for(driver, tmp_path):
-    tries = tmp_path / "tries"
-    script = f"""echo >> {shlex.quote(str(tries))}
-        [ $(wc -l < {shlex.quote(str(tries))}) -ge 3 ] && exit 0
-        echo 'No licence: all are in use'; exit 1"""
-    with driver.finished_job("", shell(script)):
-        pass
-    assert tries.read_text().count("\n") == 3
-
-
-@posix
 @pytest.mark.parametrize(
     ("workers", "command", "options", "message"),
     [

@@ -128,17 +128,6 @@ def test_geometry_has_the_places_and_the_elements(frame, ops):
     assert len(geometry.lines) == 8 and (21, 23) in geometry.lines
     node, along = geometry.locate("21:ux")
     assert node == 21 and along.tolist() == [1.0, 0.0, 0.0]
-    ops.wipe()
-    ops.model("basic", "-ndm", 2, "-ndf", 2)
-    for node, x, y in ((1, 0.0, 0.0), (2, 1.0, 0.0), (3, 1.0, 1.0), (4, 0.0, 1.0)):
-        ops.node(node, x, y)
-    ops.fix(1, 1, 1)
-    ops.fix(2, 0, 1)
-    ops.nDMaterial("ElasticIsotropic", 1, 10.0, 0.3, 2.0)
-    ops.element("quad", 1, 1, 2, 3, 4, 0.1, "PlaneStress", 1, 0.0, 2.0)
-    membrane = ef.from_opensees(ops)
-    assert membrane.geometry.lines == [(1, 2), (2, 3), (3, 4), (4, 1)]
-    assert membrane.labels == ("2:ux", "3:ux", "3:uy", "4:ux", "4:uy")
 
 
 @pytest.mark.parametrize(

@@ -179,8 +179,9 @@ def test_what_is_seen_of_the_first_solve_is_doubted(model, bounds, said):
     assert len(found) == bool(said) and all(re.search(said, text) for text in found)
 
 
-def test_the_first_solve_is_counted_once_and_changes_no_chain(tmp_path):
-    """In a file too, whose run goes on."""
+def test_the_first_solve_is_counted_once_and_tables_solve_once_after_a_resumed_run(
+    tmp_path,
+):
     asked, options = [], {**DEMC, "nwalkers": 8, "ensembles": 1}
 
     def noted(p):
@@ -197,27 +198,13 @@ def test_the_first_solve_is_counted_once_and_changes_no_chain(tmp_path):
     assert first == second == said and whole.solves == memory.solves
     assert asked.count((50, 10)) == 2  # in memory, and by the first of both
     np.testing.assert_array_equal(whole[0].get_chain(), memory[0].get_chain())
-
-
-def test_a_table_solves_once_and_not_again_after_a_resumed_run(tmp_path):
-    asked = []
-
-    def counted(p):
-        asked.append((p["k1"], p["k2"]))
-        return frequencies(p)
-
-    options = {**DEMC, "steps": 20, "backend": tmp_path / "run"}
-    run, _ = doubts(posterior_of(model=counted), **options)
-    again, _ = doubts(posterior_of(model=counted), **options, resume=True)
-    for each in (run, again):
-        spent = len(asked)
-        ef.parameter_table(each)
-        ef.predictive_table(each)
-        assert len(asked) == spent
-        first = str(ef.frequency_table(each))
-        assert str(ef.frequency_table(each)) == first
-        assert len(asked) == spent + 1  # at the posterior mean
-    assert asked.count((50, 10)) == 1
+    spent = len(asked)
+    ef.parameter_table(whole)
+    ef.predictive_table(whole)
+    assert len(asked) == spent
+    first = str(ef.frequency_table(whole))
+    assert str(ef.frequency_table(whole)) == first
+    assert len(asked) == spent + 1  # at the posterior mean
 
 
 def test_a_complaint_says_how_many_steps_mend_it():

@@ -1,4 +1,4 @@
-"""Clusters: MPI, dask, ray and loky give the serial chain, and name what fails."""
+"""Clusters: MPI, dask and ray give the serial chain, and name what fails."""
 
 import contextlib
 import os

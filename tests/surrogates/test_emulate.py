@@ -402,19 +402,3 @@ def test_points_without_derivatives_are_learned_by_their_values_and_wrong_ones_t
     wrong = ef.emulate(sloped(bent, lambda x: -bent_slopes(x)), 24, seed=1)
     assert "without derivatives" in unwrapped(wrong)
     assert distance(wrong, bent) < 0.05
-
-
-def test_what_is_no_derivative_is_an_error():
-    def broken_slopes(x):
-        raise TypeError("not a derivative")
-
-    with pytest.raises(TypeError, match="not a derivative"):
-        ef.emulate(sloped(bent, broken_slopes), 14, seed=1)
-    whole = sloped(bent, bent_slopes)
-    lacks = ef.FunctionModel(
-        whole.model.function,
-        variables=whole.model.variables,
-        jacobian=lambda p: (bent(np.array([*p.values()])), {}),
-    )
-    with pytest.raises(TypeError, match="jacobian.*'y'"):
-        ef.emulate(ef.LogPosterior(lacks, whole.terms, PRIOR), 14, seed=1)
