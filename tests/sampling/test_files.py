@@ -156,6 +156,14 @@ def test_kills_at_random_times_leave_the_bits_of_a_whole_run(path, kind):
     assert kill("random_kills", kind, str(path), 5) >= 2
 
 
+@SLOW
+@posix
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_full_disk_is_named_and_loses_nothing(path, kind):
+    """The law of a transaction: a write that finds no room leaves what was there."""
+    assert kill("full_disks", kind, str(path), 3) == 3
+
+
 # --- damage ------------------------------------------------------------------------
 
 

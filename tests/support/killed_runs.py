@@ -81,6 +81,22 @@ def limit(size):
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
 
 
+def full_disks(kind, path, number):
+    """Let files find no room; return how often this was told by the file's name."""
+    KINDS[kind](path, steps=STEPS)
+    size, told = os.path.getsize(path), 0
+    for part in range(number):
+        os.remove(path)
+        limit(max(40, size * part // number))  # semaphores of 32 bytes are files
+        try:
+            KINDS[kind](path, steps=STEPS)
+        except OSError as error:
+            told += Path(path).name in str(error)
+        limit(resource.RLIM_INFINITY)
+        check_same(kind, path)
+    return told
+
+
 if __name__ == "__main__":
     logging.getLogger("emcee_femu").setLevel(logging.ERROR)
     task, *arguments = json.loads(sys.argv[1])
