@@ -245,7 +245,8 @@ def test_an_error_that_surprises_does_not_fit_though_it_covers_all():
         {"k1": stats.norm(50, 0.1), "k2": stats.norm(10, 0.02)}
         | {"error": stats.halfnorm(scale=0.02)}
     )
-    run, _ = doubts(posterior_of(1.07 * AT_MEAN, prior=prior, discrepancy="error"))
+    surprised = posterior_of(1.07 * AT_MEAN, prior=prior, discrepancy="error")
+    run, _ = doubts(surprised, **DEMC)
     fit = ef.diagnose(run).fit
     assert fit.status == "does not fit" and "2 of 2" in fit.sentence
     assert "error" in fit.short
