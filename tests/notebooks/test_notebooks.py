@@ -77,7 +77,7 @@ multiprocessing.set_start_method("spawn", force=True)
 found = chain(posteriors["function"], workers=2)
 print((found == serial["function"]).all(), children())
 """,
-        "again": """
+        "improved": """
 from concurrent.futures import ProcessPoolExecutor
 executor = ProcessPoolExecutor(2)
 print(same(pool=executor), same(pool=ef.EvaluationPool(executor)))
@@ -123,7 +123,7 @@ def test_workers_have_what_the_notebook_defines_and_its_exceptions_end_them(show
     assert shown["raises"].stdout == note
     assert shown["spawned"].stdout == "True []\n"
     pools = "[True, True, True] [True, True, True]\nTrue False\n"
-    assert shown["again"].stdout == pools
+    assert shown["improved"].stdout == pools
     lines = shown["no cloudpickle"].stdout.splitlines()
     assert len(lines) == 2
     for line in lines:  # refused before the first solve
