@@ -30,3 +30,15 @@ def closed_figures():
     yield
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close("all")
+
+
+# Doctests that take many seconds; what they show is a law of tests/population.
+SLOW_EXAMPLES = {"pool_tests.pool_tests", "figure.plot_population"}
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    for item in items:
+        name = ".".join(item.name.split(".")[-2:])
+        if "extensions.population" in item.name and name in SLOW_EXAMPLES:
+            item.add_marker(pytest.mark.slow)

@@ -16,15 +16,9 @@ def in_one_mode(nwalkers):
     return np.array([1.8132, 0.2470]) + np.array([0.1, 0.015]) * noise
 
 
-def test_without_tempering_the_start_decides_which_mode_is_seen():
-    (run,) = ef.run(
-        BECK_AU, DEMCMove(), 40, 200, seed=1, starts=in_one_mode(40), ensembles=1
-    )
-    assert (run.get_chain()[..., 0] < 1).mean() < 0.05  # the truth is 0.531
-
-
 @pytest.mark.slow
 def test_tempered_walkers_cross_to_the_mode_they_did_not_start_in():
+    """The law of tempering: weight, mean and evidence of the quadrature."""
     block, betas = 250, np.linspace(1, 0, 7) ** 4
     move = ef.moves.TemperedMove(DEMCMove(), betas)
     nwalkers = block * len(betas)

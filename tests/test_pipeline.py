@@ -35,19 +35,10 @@ def linear_posterior():
     )
 
 
-TUNED = np.random.default_rng(0).multivariate_normal(np.zeros(3), conjugate()[1], 500)
-
-
-@pytest.mark.parametrize(
-    "move",
-    [
-        [(ef.DEMCMove(), 0.8), (ef.DEMCMove(gamma0=1.0), 0.2)],
-        ef.MetropolisMove.tuned(TUNED),
-    ],
-)
-def test_conjugate_gaussian_posterior_is_recovered(move):
+def test_conjugate_gaussian_posterior_is_recovered():
     posterior = linear_posterior()
-    samplers = ef.run(posterior, move, 20, 300, ensembles=4, seed=1)
+    moves = [(ef.DEMCMove(), 0.8), (ef.DEMCMove(gamma0=1.0), 0.2)]
+    samplers = ef.run(posterior, moves, 20, 300, ensembles=4, seed=1)
     diagnosis = ef.diagnose(samplers, discard=50)
     draws = np.concatenate([s.get_chain(discard=50, flat=True) for s in samplers])
     mean, covariance = conjugate()
@@ -77,6 +68,7 @@ def test_the_evidence_constant_is_right():
 
 @pytest.mark.slow
 def test_mass_spring_agrees_with_importance_sampling():
+    """The law of the default run: moments by a route without chains."""
     posterior = ef.paper.mass_spring().posterior
     pilot = ef.run(posterior, seed=3, ensembles=1)[0].get_chain(flat=True)
     lobe = pilot[pilot[:, 2] < 1_980]  # a second mode of 3 % of the mass

@@ -18,17 +18,6 @@ sd [Hz],,,0.01,0.02
 shape,roof,12,1.0,0.62
 shape,floor 1,6,0.61,-1.0
 """
-PNG = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0"
-FOREIGN = {"empty": b"", "a picture": PNG, "zeros": bytes(999)}
-
-
-@pytest.mark.parametrize("content", FOREIGN.values(), ids=FOREIGN)
-@pytest.mark.parametrize("read", [ef.Measurements.from_csv, ef.Measurements.from_uff])
-def test_a_foreign_file_is_refused_by_its_name(tmp_path, read, content):
-    path = write_modes(tmp_path / "modes")  # skips where pyuff is missing
-    path.write_bytes(content)
-    with pytest.raises(ValueError, match=str(path)):
-        read(path)
 
 
 def cut(path, text, step, tail, read):

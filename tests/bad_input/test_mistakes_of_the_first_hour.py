@@ -22,7 +22,6 @@ class Emulated:
     ("call", "error", "cure"),
     [
         (lambda: ef.run(Emulated(), seed=1), TypeError, r"\.posterior"),
-        (lambda: ef.find_map(Emulated(), seed=1), TypeError, r"\.posterior"),
         (lambda: ef.run(POSTERIOR, ef.DEMCMove, seed=1), TypeError, r"DEMCMove\(\)"),
         (lambda: ef.run(lambda theta: 0.0, seed=1), TypeError, "from_function"),
         (lambda: ef.diagnose(Emulated()), TypeError, r"\.posterior"),
@@ -50,7 +49,6 @@ def storeys(measured=(0.53, 1.08), bounds=BOUNDS):
     return ef.LogPosterior(model, term, prior)
 
 
-@pytest.mark.parametrize("moves", ["auto", ef.DEMCMove()], ids=["auto", "DE-MC"])
 @pytest.mark.parametrize(
     ("posed", "options", "named"),
     [
@@ -61,11 +59,11 @@ def storeys(measured=(0.53, 1.08), bounds=BOUNDS):
     ],
 )
 def test_a_first_mistake_is_named_and_no_page_of_emcee_printed(
-    moves, posed, options, named, capsys
+    posed, options, named, capsys
 ):
     options = {"steps": 5, "ensembles": 1, "seed": 1} | options
     with pytest.raises((ValueError, RuntimeError), match=named):
-        ef.run(storeys(**posed), moves, **options)
+        ef.run(storeys(**posed), **options)
     assert capsys.readouterr() == ("", "")  # emcee would print sixty lines
 
 

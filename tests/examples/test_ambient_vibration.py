@@ -31,6 +31,7 @@ def pyoma2(example):
 
 @pytest.mark.slow
 def test_ambient_vibration(pyoma2, capsys):
+    """The law of the page: the exact frequencies, within what is claimed of them."""
     path = EXAMPLES / "how_to" / "ambient_vibration.py"
     page = runpy.run_path(str(path), run_name="__main__")
     measured, diagnosis = page["measured"], page["diagnosis"]
@@ -61,7 +62,10 @@ def test_the_identified_shapes_are_those_of_the_model(example, pyoma2):
 def test_deviations_of_frequencies_are_their_scatter_and_those_of_shapes_are_not(
     example, pyoma2, monkeypatch
 ):
-    # When the last line fails pyOMA2 is mended: let from_pyoma2 take Phi_std.
+    """The law by which from_pyoma2 takes the first and not the second.
+
+    When the last line fails pyOMA2 is mended: let from_pyoma2 take Phi_std.
+    """
     generator, found = np.random.RandomState, []
     for seed in range(30):
         with monkeypatch.context() as patch:

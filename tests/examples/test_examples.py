@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from support.examples import EXAMPLES, TESTS, load
-from support.mpi import leaves_sockets, mpiexec
+from support.mpi import leaves_sockets
 
 import emcee_femu as ef
 
@@ -74,14 +74,6 @@ def test_mass_spring(tmp_path):
 
 
 @pytest.mark.slow
-def test_mass_spring_as_in_the_paper(tmp_path):
-    shown = run_mass_spring(tmp_path, "--paper", "--generations", "1000")
-    assert "paper mean" in shown.stdout and "paper error %" in shown.stdout
-    assert "100% 4000/4000" in shown.stderr.splitlines()[-1]
-    assert (tmp_path / "tae.png").exists()
-
-
-@pytest.mark.slow
 def test_front_picture(tmp_path, monkeypatch, capsys):
     """Its numbers are those of the captions; the committed one has its size."""
     monkeypatch.chdir(tmp_path)  # the tutorial writes files
@@ -115,18 +107,9 @@ def serial(steps, seed):
 @pytest.mark.slow
 @leaves_sockets
 def test_cluster(capsys):
+    """The law of the script: on a cluster of dask the serial chain."""
     pytest.importorskip("distributed", reason="dask is not installed")
     chain = load("cluster").main(steps=10, seconds=0.001, seed=2)
     assert np.array_equal(chain, serial(10, 2))
     shown = capsys.readouterr().out
     assert "2 workers: 16 walkers" in shown and "Updating parameters" in shown
-
-
-@pytest.mark.slow
-def test_cluster_by_mpi():
-    options = ("--mpi", "--steps", 10, "--seconds", 0.001)
-    shown = mpiexec(EXAMPLES / "cluster.py", *options)
-    assert shown.count("2 workers: 16 walkers") == 1  # of one rank only
-    mean = float(re.search(r"^k1 .*", shown, re.MULTILINE)[0].split()[4])
-    expected = serial(10, 1)[5:, :, 0].mean()
-    assert abs(mean - expected) < 0.1  # what the table rounds

@@ -98,17 +98,6 @@ def test_moving_mass_is_that_of_members_and_node_loads(platform):
         assert found[axis] == pytest.approx(total - held, rel=1e-12)
 
 
-def test_geometry_has_the_places_and_the_members(platform):
-    geometry = platform.assemble(THETA).geometry
-    assert geometry.nodes["foot C"].tolist() == [platform.LENGTH, 0.0, platform.WIDTH]
-    # A beam is two bars, parted at the node in its middle.
-    assert len(geometry.lines) == 12 and ("A", "AB") in geometry.lines
-    assert geometry.locate("AB:uy")[0] == "AB"
-    quad = ef.from_pynite(build_bracket(), "mass", "Z", gravity=9.81).geometry
-    corners = ["node 1", "node 2", "c", "d", "node 1"]
-    assert quad.lines[1:] == [*zip(corners, corners[1:], strict=False)]
-
-
 def hold(model):
     for name in model.nodes:
         model.def_support(name, *[True] * 6)

@@ -89,17 +89,6 @@ def test_a_plate_moves_out_of_its_plane():
         assert found[base.dofs(f"{tip}:{dof}")] == pytest.approx(theirs, rel=1e-8)
 
 
-def test_several_DOFs_of_one_name_at_an_edge_are_nodes_of_their_own():
-    basis = skfem.Basis(skfem.MeshTri(), skfem.ElementTriP3())
-    K = skfem.models.laplace.assemble(basis)
-    base = ef.from_skfem(basis, K, skfem.models.mass.assemble(basis))
-    assert len({*base.labels}) == basis.N == 16
-    for label, row in zip(base.labels, range(basis.N), strict=True):
-        place = base.geometry.nodes[int(label.partition(":")[0])]
-        assert place[:2].tolist() == basis.doflocs[:, row].tolist()
-    assert len({tuple(place) for place in base.geometry.nodes.values()}) == 16
-
-
 def test_names_are_those_by_which_scikit_fem_finds_DOFs():
     """Edges and faces of a solid with other DOFs each."""
     element = skfem.ElementTetN0() * skfem.ElementTetRT0()

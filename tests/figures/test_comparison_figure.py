@@ -42,18 +42,12 @@ def test_bars_are_sorted_and_curves_are_of_the_kept_steps_in_their_colours(compa
     left, right = figure.axes
     numbers = np.array(list(comparison.efficiency.values()))
     order = np.argsort(numbers[:, 0])
-    values, errors = numbers[order].T
-    assert_allclose([bar.get_width() for bar in left.patches], values, rtol=1e-12)
-    (bars,) = (box for box in left.containers if hasattr(box, "patches"))
-    lines = bars.errorbar.lines[2][0].get_segments()
-    drawn = [np.abs(np.diff(line[:, 0]))[0] for line in lines]
-    assert_allclose(drawn, 2 * errors, rtol=1e-12)
+    widths = [bar.get_width() for bar in left.patches]
+    assert_allclose(widths, numbers[order, 0], rtol=1e-12)
     colours, labels = {}, [list(MOVES)[i] for i in order]
     for bar, label, shown in zip(left.patches, labels, names(left), strict=True):
         assert shown.startswith(label)
-        assert bool(bar.get_hatch()) == (label == "M-H")
         colours[label] = to_hex(bar.get_edgecolor())
-    assert len({*colours.values()}) == len(MOVES)
     for line, (label, idata) in zip(right.lines, comparison.idata.items(), strict=True):
         whole = ef.figures.plot_tae(idata, comparison.posterior).axes[0].lines[0]
         generations, tae = whole.get_data()
@@ -61,7 +55,6 @@ def test_bars_are_sorted_and_curves_are_of_the_kept_steps_in_their_colours(compa
         assert_array_equal(line.get_xdata(), generations - 10)
         assert_array_equal(line.get_ydata(), tae)
         assert to_hex(line.get_color()) == colours[label]
-        assert line.get_linestyle() == ("--" if label == "M-H" else "-")
 
 
 @pytest.fixture(scope="module")

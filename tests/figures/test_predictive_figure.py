@@ -1,7 +1,6 @@
 """The figure of predictions: what is drawn where, and that it can be read."""
 
 import numpy as np
-import pytest
 import xarray
 from numpy.testing import assert_allclose
 from support.chains import dataset, wrap
@@ -76,9 +75,6 @@ def test_intervals_and_initial_values_are_deviations_in_percent():
     shown, (low, high) = drawn_intervals(axes)[0], axes.get_ylim()
     assert {text.get_text()[-5:] for text in axes.texts} == {"+60 %", "-70 %"}
     assert -70 < low < shown.min() and shown.max() < high < 60
-    # A prior mean that cannot be solved is left out.
-    axes = ef.figures.plot_predictive(modal(initial=np.full(3, np.nan))[0]).axes[0]
-    assert not axes.texts and not len(diamonds(axes))
 
 
 def test_another_quantity_is_drawn_in_its_unit_at_its_coordinates():
@@ -118,17 +114,5 @@ def test_each_experiment_has_its_panel_with_its_own_band():
         assert axes.get_title().startswith(f"{name}.frequency")
         heights = [bar.get_height() for bar in axes.patches]
         assert_allclose(heights, 400 * value / np.array([10.0, 30.0]), rtol=1e-9)
-    assert_nothing_is_clipped(figure)
-    assert_no_texts_overlap(figure)
-
-
-@pytest.mark.parametrize(("m", "with_mac"), [(1, False), (12, True)])
-def test_nothing_is_clipped_and_no_texts_overlap(m, with_mac):
-    initial = np.resize([1.5, 1.01, 0.4, 1.02, 0.98], m)
-    idata, measured = modal(m, initial, with_mac, noise=0.2)
-    model = ef.FunctionModel(lambda p: measured, n_modes=m)
-    term = ef.FrequencyTerm(measured, sd=0.01 * measured)
-    posterior = ef.LogPosterior(model, term, ef.IndependentPrior({"a": (0, 1)}))
-    figure = ef.figures.plot_predictive(idata, posterior)
     assert_nothing_is_clipped(figure)
     assert_no_texts_overlap(figure)

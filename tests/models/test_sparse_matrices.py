@@ -75,6 +75,7 @@ def test_sparse_equals_dense(skip, mass_varies, n_modes):
 @pytest.mark.slow
 @pytest.mark.parametrize("free", [False, True])
 def test_a_chain_of_30_000_masses_has_its_analytic_frequencies(free):
+    """The law of a large model: closed forms, in memory for sparse matrices only."""
     n, diagonal, side = 30_000, np.full(30_000, 2.0), np.full(29_999, -1.0)
     if free:
         diagonal[[0, -1]] = 1.0

@@ -1,58 +1,11 @@
-"""Pools of every start method in a notebook, and the button that interrupts it."""
+"""The button that interrupts a notebook, with pools of every start method."""
 
 import pytest
 from support.notebooks import MODEL, assert_quiet, execute
 from support.systems import need_start_method, posix
 
-pytestmark = pytest.mark.slow
-# Forked workers inherit functions, and those of a fork server are sent them as these.
-spawned = pytest.mark.parametrize("method", ["spawn"])
+pytestmark = pytest.mark.slow  # the law that no process is left; a kernel for each
 every_method = pytest.mark.parametrize("method", ["fork", "forkserver", "spawn"])
-
-
-@spawned
-def test_every_sampler_has_the_models_of_a_notebook_on_its_workers(tmp_path, method):
-    need_start_method(method)
-    cells = {
-        "model": MODEL,
-        "method": f"multiprocessing.set_start_method({method!r})",
-        "samplers": """
-posterior = posteriors["lambda"]
-runs = {workers: ef.run(posterior, steps=20, ensembles=1, seed=1, workers=workers)
-        for workers in (None, 2)}
-a, b = (run[0].get_chain() for run in runs.values())
-print((a == b).all())
-a, b = (ef.find_map(posterior, seed=1, workers=n).table for n in (None, 2))
-print(a == b)
-a, b = (ef.anneal(posterior, 100, seed=1, workers=n).theta for n in (None, 2))
-print((a == b).all())
-a, b = (ef.emulate(posterior, 12, seed=1, workers=n) for n in (None, 2))
-print(str(a) == str(b))
-found = ef.run(a.posterior, steps=500, seed=1, moves=ef.DEMCMove(), ensembles=1)
-idata = ef.to_inference_data(found, discard=100)
-a, b = (ef.certify(idata, posterior, 20, seed=1, workers=n) for n in (None, 2))
-print((a.weights == b.weights).all(), children())
-""",
-        "pool": """
-from concurrent.futures import ProcessPoolExecutor
-executor = ProcessPoolExecutor(2)
-print(same(pool=executor), same(pool=ef.EvaluationPool(executor)))
-""",
-        "again": """
-def function(p):  # the model was improved, and the pool is still that of before
-    return 1.1 * shear(p["k1"], p["k2"])
-
-improved = posterior_of(ef.FunctionModel(function))
-new = chain(improved, pool=executor)
-print((new == chain(improved)).all(), (new == serial["function"]).all())
-executor.shutdown()
-""",
-    }
-    shown = execute(cells, tmp_path)
-    assert_quiet(shown)
-    assert shown["samplers"].stdout == "True\nTrue\nTrue\nTrue\nTrue []\n"
-    assert shown["pool"].stdout == "[True, True, True] [True, True, True]\n"
-    assert shown["again"].stdout == "True False\n"
 
 
 @posix

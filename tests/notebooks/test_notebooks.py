@@ -3,7 +3,8 @@
 import pytest
 from support.notebooks import MODEL, assert_quiet, execute
 
-pytestmark = pytest.mark.slow  # a kernel, and all that it imports, take seconds
+# The law of what a kernel shows and sends; it, and all it imports, takes seconds.
+pytestmark = pytest.mark.slow
 
 TABLES = {  # what a user prints, which has a table in its HTML
     "posterior": "posterior",
@@ -76,6 +77,20 @@ multiprocessing.set_start_method("spawn", force=True)
 found = chain(posteriors["function"], workers=2)
 print((found == serial["function"]).all(), children())
 """,
+        "improved": """
+from concurrent.futures import ProcessPoolExecutor
+executor = ProcessPoolExecutor(2)
+print(same(pool=executor), same(pool=ef.EvaluationPool(executor)))
+
+def function(p):  # the model was improved, and the pool is still that of before
+    return 1.1 * shear(p["k1"], p["k2"])
+
+improved = posterior_of(ef.FunctionModel(function))
+new = chain(improved, pool=executor)
+print((new == chain(improved)).all(), (new == serial["function"]).all())
+executor.shutdown()
+""",
+        "bar": "found = chain(posterior, progress='notebook')",
         "no cloudpickle": """
 import sys
 there, sys.modules["cloudpickle"] = sys.modules["cloudpickle"], None
@@ -98,6 +113,8 @@ def test_what_a_user_prints_is_html_and_figures_are_shown_once_and_closed(shown)
     pictures = {name: shown[name].pictures for name in FIGURES}
     assert pictures == dict.fromkeys(FIGURES, 1)
     assert shown["open"].stdout == "[]\n"
+    kinds = shown["bar"].types
+    assert kinds.count("application/vnd.jupyter.widget-view+json") == 1
 
 
 def test_workers_have_what_the_notebook_defines_and_its_exceptions_end_them(shown):
@@ -105,6 +122,8 @@ def test_workers_have_what_the_notebook_defines_and_its_exceptions_end_them(show
     note = "True Raised on a worker\n[] [True, True, True]\n"
     assert shown["raises"].stdout == note
     assert shown["spawned"].stdout == "True []\n"
+    pools = "[True, True, True] [True, True, True]\nTrue False\n"
+    assert shown["improved"].stdout == pools
     lines = shown["no cloudpickle"].stdout.splitlines()
     assert len(lines) == 2
     for line in lines:  # refused before the first solve

@@ -57,7 +57,7 @@ def shifted():
     ids=["near", "shifted", "far from the true mean"],
 )
 def test_moments_are_the_exact_ones_and_errors_are_honest(emulated, true, phi):
-    """Squares scatter about the true mean less than about the emulated one."""
+    """The law of certificates: z-scores of unit size, over twenty seeds each."""
     found = [
         certify(emulated, true, n=2_000, seed=s, solves=180, phi=phi) for s in range(20)
     ]
@@ -67,20 +67,6 @@ def test_moments_are_the_exact_ones_and_errors_are_honest(emulated, true, phi):
     assert (np.abs(z.mean(axis=0)) < 4.5 / np.sqrt(len(z))).all()
     # All together: the mean square of a z-score is 1.
     assert 0.55 < (z**2).mean() < 1.6
-
-
-@pytest.mark.slow
-def test_a_variance_is_never_below_zero():
-    """Of a wide chain, corrected by what the weights of some draws leave of theirs."""
-    wide, true = (LogGaussian(np.zeros(1), v * np.eye(1)) for v in (1.0, 0.01))
-    theta, below = draws(wide, 3_000, 1), 0
-    idata = sampled(posterior(wide), theta)
-    for seed in range(6):
-        found = ef.certify(idata, posterior(true), 800, seed=seed)
-        square = (found.theta[:, 0] - theta.mean()) ** 2
-        below += theta.var() + (found.weights - 1) @ square / len(square) < 0
-        assert found.short == "corrected" and found.sd[0] > 0
-    assert 0 < below < 6
 
 
 def test_where_all_weights_are_equal_all_is_that_of_the_whole_chain():
@@ -95,9 +81,8 @@ def test_where_all_weights_are_equal_all_is_that_of_the_whole_chain():
     errors = [found.mean_error.mean(), found.sd_error.mean()]
     np.testing.assert_allclose(errors, [of_mean, of_sd], rtol=0.2)
     # A sample variance, which divides by n - 1.
-    few = [certify(TRUE, n=40, seed=seed, solves=10) for seed in range(8)]
-    of_few = [draws(TRUE, 40, seed).var(axis=0) for seed in range(8)]
-    ratios = [c.sd**2 for c in few] / np.array(of_few)
+    few = [certify(TRUE, n=40, seed=seed, solves=10).sd ** 2 for seed in range(8)]
+    ratios = few / np.array([draws(TRUE, 40, seed).var(axis=0) for seed in range(8)])
     np.testing.assert_allclose(ratios.mean(axis=0), 40 / 39, atol=0.01)
 
 
@@ -133,13 +118,11 @@ def test_draws_are_spread_evenly_and_count_as_often_as_they_were_met():
 
 def test_the_error_of_a_difference_is_that_of_the_solved_draws_alone():
     """Both standard deviations are of one chain, however well it knows them."""
-    slow = certify(TRUE, n=2_000, phi=0.9)
+    slow, near = certify(TRUE, n=2_000, phi=0.9), certify(NEAR, seed=1, solves=120)
     assert (slow.off_error < 1e-6).all() and (slow.sd_error > 0.02).all()
-    found = [certify(NEAR, seed=seed, solves=120) for seed in range(4)]
-    off = np.array([c.sd / c.emulated_sd for c in found])
-    z = (off - 1.02**-0.5) / [c.off_error / c.sd for c in found]
-    assert (np.abs(z) < 4.5).all()
-    assert (np.square(z).mean() < 3) and (np.abs(off - 1) < 0.02).all()
+    off = near.sd / near.emulated_sd
+    z = (off - 1.02**-0.5) / (near.off_error / near.sd)
+    assert (np.abs(z) < 4.5).all() and (np.abs(off - 1) < 0.02).all()
 
 
 def test_a_short_chain_is_said_and_widens_the_errors():
@@ -150,29 +133,6 @@ def test_a_short_chain_is_said_and_widens_the_errors():
     one_slow = ef.certify(sampled(posterior(WHITE), slowest), posterior(WHITE), seed=1)
     for found, said in ((short, True), (long, False), (one_slow, True)):
         assert ("independent draws only" in str(found)) == said
-
-
-@pytest.mark.slow
-def test_walkers_that_exchange_places_know_no_more():
-    """As of a tempered run: each forgets at once, but not their ensemble."""
-    steps, walkers, phi = 1_500, 6, 0.9
-    rng, true, found = np.random.default_rng(1), posterior(TRUE), []
-    for seed in range(4):
-        theta = ar1([phi] * 3, steps, walkers, seed) @ np.linalg.cholesky(COVARIANCE).T
-        order = rng.permuted(np.tile(np.arange(walkers), (steps, 1)), axis=1)
-        theta = np.take_along_axis(theta, order[:, :, None], axis=1)
-        idata = sampled(true, theta.reshape(-1, 3), walkers)
-        idata["posterior"].attrs["betas"] = "[1.0, 0.5]"
-        found.append(ef.certify(idata, true, 400, seed=seed))
-    size = steps * walkers * (1 - phi) / (1 + phi)
-    of_squares = steps * walkers * (1 - phi**2) / (1 + phi**2)
-    n = len(found[0].theta)
-    worth = [c.effective / n for c in found]
-    assert np.mean(worth) == pytest.approx(np.tanh(size / n), abs=0.14)  # the worst's
-    errors = np.mean([[c.mean_error, c.sd_error] for c in found], axis=(0, 2))
-    np.testing.assert_allclose(
-        errors, (size**-0.5, (2 * of_squares) ** -0.5), rtol=0.25
-    )
 
 
 def stiffness(log_density, low=1e1, high=1e9):
@@ -187,7 +147,7 @@ def test_corrected_means_lie_inside_the_bounds():
     theta = law.rvs((3_000, 1), random_state=1)
     emulated = stiffness(lambda s: law.logpdf(s) + np.log(s))  # times the prior
     idata, true = sampled(emulated, theta), stiffness(lambda s: -s / 1e3)
-    for seed in range(6):
+    for seed in range(4):
         found = ef.certify(idata, true, 60, seed=seed)
         weighted = found.weights @ found.theta[:, 0] / len(found.theta)
         difference = theta.mean() + weighted - found.theta.mean()
@@ -196,7 +156,7 @@ def test_corrected_means_lie_inside_the_bounds():
             difference = weighted
         assert found.mean[0] == pytest.approx(difference, rel=1e-6)
         assert 1e1 < found.mean[0] and found.mean_error[0] >= 0
-    assert 0 < outside < 6
+    assert 0 < outside < 4
 
 
 # --- the verdict --------------------------------------------------------------------
@@ -242,28 +202,22 @@ def test_the_bounds_of_the_verdict(exact, verdict, change):
 
 
 def test_a_chain_that_has_not_converged_is_refused_unless_it_is_but_short():
-    """Fault 17: walkers apart, parts, rare excursions, one that never moved."""
-    true, theta = posterior(TRUE), draws(TRUE, 8_000, 1)
-    apart, parts, lobe = theta[:6_000].copy(), theta[:2_000].copy(), theta[:400].copy()
+    """Fault 17: walkers apart, parts, rare excursions."""
+    true, theta = posterior(TRUE), draws(TRUE, 6_000, 1)
+    apart, parts, lobe = theta.copy(), theta[:2_000].copy(), theta[:400].copy()
     apart[::2, 0] += 0.7
     parts[::2] += 1.5
     lobe[200, 0] = 11.0  # a place that is met once, and holds much of the variance
-    still, ensembles = (theta.reshape(2, 200, 20, 3).copy() for _ in range(2))
-    still[0, :, 3] = still[0, 0, 3]
-    ensembles[1] += 1.5
     for chain, walkers, reason in (
         (apart, 4, "walkers stay apart"),
         (lobe, 4, "sd unknown"),
         (parts, 2, "several parts"),
-        (still, (20, 2), "several parts"),
-        (ensembles, (20, 2), "several parts"),
     ):
-        idata = sampled(true, chain.reshape(-1, 3), *np.atleast_1d(walkers))
-        found = ef.certify(idata, true, seed=1)
+        found = ef.certify(sampled(true, chain, walkers), true, seed=1)
         assert found.short == "refused" and reason in found.verdict
     short = certify(TRUE, n=7_000, phi=0.99)
     assert ef.diagnose(short).chains.reasons == ("too short",)
-    assert short.faults == () and "too short" in str(short)
+    assert short.faults == ()
     short = certify(TRUE, n=2_000, phi=0.99)  # so that squares are not known either
     assert ef.diagnose(short).chains.reasons == ("too short", "sd unknown")
     assert short.short == "refused"
@@ -313,7 +267,7 @@ def two_modes(share, variance=0.25):
 @pytest.mark.slow
 @pytest.mark.parametrize("variance", [0.25, 2.25])  # the second by its volume alone
 def test_a_mode_that_the_emulator_lacks_is_found_by_climbing(variance):
-    """Which weights cannot see: climbs find half, mostly a twentieth, not less."""
+    """The law of climbs: they find half, mostly a twentieth, not less."""
     idata = sampled(posterior(AWAY), draws(AWAY, 4_000, 1))
     for share, least, most in ((0.5, 4, 6), (0.05, 3, 6), (3e-3, 0, 0), (1e-4, 0, 0)):
         true = two_modes(share, variance if most else 0.25)
@@ -342,20 +296,18 @@ def near(s):
     return -0.5 * (np.log(s / 3e4) / 0.4) ** 2
 
 
-def both(s, share=1.0):
-    """Return a density with as much again at 30, or a share of that."""
-    return np.logaddexp(near(s), np.log(share) - 0.5 * (np.log(s / 30.0) / 0.4) ** 2)
+def both(s):
+    """Return a density with as much again at 30."""
+    return np.logaddexp(near(s), -0.5 * (np.log(s / 30.0) / 0.4) ** 2)
 
 
 def test_a_stiffness_over_decades_is_climbed_by_its_logarithm():
     """It was said to grow "without bound towards s = 12", by an exception."""
     theta = stats.lognorm(0.4, scale=3e4).rvs((3_000, 1), random_state=1)
     idata, refused = sampled(stiffness(near), theta), []
+    found = ef.certify(idata, stiffness(near), 60, seed=0)
+    assert found.short == "certified" and "led nowhere" not in str(found)
     for seed in range(4):
-        found = ef.certify(idata, stiffness(near), 60, seed=seed)
-        assert found.short == "certified" and "climbs failed" not in str(found)
-        hardly = stiffness(lambda s: both(s, 3e-3))
-        assert ef.certify(idata, hardly, 60, seed=seed).short == "certified"
         again = ef.certify(idata, stiffness(both), 60, seed=seed)
         refused += [again.verdict] if again.short == "refused" else []
     assert len(refused) >= 2  # by two climbs each

@@ -1,13 +1,11 @@
 """What withholds "converged" from chains that agree: groups, proposal, heavy tails."""
 
-import arviz as az
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from scipy.special import logsumexp
 from support.chains import ar1, as_arviz, backend, switching
-from support.free_posterior import box, free_posterior
 
 import emcee_femu as ef
 
@@ -286,21 +284,3 @@ def test_the_error_of_a_standard_deviation_is_its_scatter():
     exact = np.sqrt((1 + phi**2) / (1 - phi**2) / (2 * 8 * steps))
     assert_allclose(claimed, exact, rtol=0.1)
     assert_allclose(np.std(chains.std(axis=(1, 2, 3))), exact, rtol=4 / np.sqrt(80))
-
-
-def two_modes(x):
-    """Return the log-density of a wide and a narrow mode, 0.7 and 0.3 of the whole."""
-    apart = ((x[:, None, :] - [[0.0], [6.0]]) ** 2).sum(axis=2)
-    return np.logaddexp(*(np.log([0.7, 30.0]) - apart / [2.0, 0.02]).T)
-
-
-def test_a_stored_run_has_the_verdict_and_the_modes_of_its_samplers(tmp_path):
-    posterior = free_posterior(two_modes, box(-8, 12, 2))
-    run = ef.run(posterior, "auto", 16, 100, ensembles=3, seed=1)
-    path = str(tmp_path / "run.nc")
-    ef.to_inference_data(run).to_netcdf(path)
-    before, after = ef.diagnose(run), ef.diagnose(az.from_netcdf(path))
-    assert (after.short, after.verdict) == (before.short, before.verdict)
-    assert before.modes.weights.shape == (3, 2)
-    for name, value in vars(before.modes).items():
-        assert_allclose(getattr(after.modes, name), value, rtol=1e-9, err_msg=name)

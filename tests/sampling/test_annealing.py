@@ -102,11 +102,6 @@ def test_the_effective_size_counts_descendants_of_one_draw_as_one():
     assert 1 / 3 < np.mean([p.effective_size for p in annealed]) / size < 3
 
 
-def corner(theta, scale=0.03):
-    """Return the log of a density: exponentials, highest at the corner of [0, 1]^d."""
-    return -theta.sum(axis=1) / scale - theta.shape[1] * np.log(scale)
-
-
 # --- what it costs and becomes ----------------------------------------------------
 
 

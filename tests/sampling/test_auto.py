@@ -217,6 +217,8 @@ class Exponential:
 
 @pytest.mark.slow
 def test_skew_parameters_are_moved_by_gradients_where_there_are_any():
+    """The law of gradients in "auto": twelve skew marginals, by quadrature."""
+
     def term(parameters, response):
         return -0.5 * (((response["y"] - 1) / 0.5) ** 2).sum(axis=1)
 
@@ -242,12 +244,3 @@ def test_auto_beats_plain_demc():
     per_evaluation = diagnosis.ess_bulk.min() / (2 * 20 * 600)
     assert per_evaluation > 0.15  # plain DE-MC: 0.04
     assert 1_000 < run.evaluations < 10_000
-
-
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # scipy's, of the overflow
-def test_a_prior_whose_draws_overflow_is_named_as_the_cause():
-    model = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
-    term = ef.FrequencyTerm([200.0], relative_sd=0.02)
-    prior = ef.IndependentPrior({"k": stats.lognorm(40e3, 0.2)})
-    with pytest.raises(ValueError, match="scipy.stats.lognorm"):
-        ef.run(ef.LogPosterior(model, term, prior), steps=10, seed=1)

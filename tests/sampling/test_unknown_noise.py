@@ -68,6 +68,11 @@ def test_an_integral_without_bound_is_refused_before_sampling():
     posterior = posterior_of(["k1"], HALF_NORMAL, ["k1", "k1"])
     with pytest.raises(ValueError, match=r"'noise'.*0\.001"):
         ef.run(posterior, steps=20, seed=1)
+
+
+@pytest.mark.slow
+def test_more_frequencies_than_parameters_have_exact_moments():
+    """The law of 1 / noise, cut at what messages advise."""
     bounded = posterior_of(["k1"], RANGE, ["k1", "k1"])
     run = ef.run(bounded, steps=150, seed=1)
     draws = np.concatenate([one.get_chain(flat=True) for one in run])

@@ -7,7 +7,6 @@ import emcee_femu as ef
 read = ef.contracts.read
 
 STENCIL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}  # exact to the fourth power
-CENTRAL = {-1: -1 / 2, 1: 1 / 2}
 STEPS = ("model_mode", "unpaired")  # what a paired model returns, and has no slope
 
 

@@ -34,13 +34,15 @@ VARIABLES = {"y": ef.Variable({"point": range(3)})}
 class Gaussian:
     """Independent errors of a vector, of which it keeps the measured values."""
 
-    name, reads = "strain", VARIABLES
+    name = "strain"
 
     def __init__(self, data=DATA, sd=SD):
-        self.observed, self.sd = {"y": np.asarray(data)}, sd
+        self.data, self.sd = np.asarray(data), sd
+        self.observed = {"y": self.data}
+        self.reads = {"y": ef.Variable({"point": range(len(data))})}
 
     def deviations(self, parameters, response):
-        r = response["y"] - self.observed["y"]
+        r = response["y"] - self.data
         return r, np.full_like(r, self.sd)
 
     def __call__(self, parameters, response):

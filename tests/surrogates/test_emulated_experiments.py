@@ -75,6 +75,7 @@ def moments(posterior):
 
 @pytest.mark.slow
 def test_each_is_learned_from_its_own_solves_and_the_joint_posterior_is_right():
+    """The law of joint emulation: moments by quadrature, no solve for others."""
     joint = joint_of()
     found = ef.emulate(joint, 25, seed=1, cheap=["static"])
     models = {e.name: e.model for e in joint.experiments}
@@ -98,8 +99,8 @@ def test_each_is_learned_from_its_own_solves_and_the_joint_posterior_is_right():
 
 @pytest.mark.slow
 def test_files_and_arguments(tmp_path):
-    """Six emulators of nine solves."""
-    joint, file = joint_of(), {"backend": tmp_path / "run.chain", "resume": True}
+    """The law of their files: one each, gone on with together or not at all."""
+    joint, file = joint_of(), {"backend": tmp_path / "run.solves", "resume": True}
     first = ef.emulate(joint, 9, seed=1, cheap=["static"], **file)
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"run.solves.empty", "run.solves.loaded"}

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.few_solves import PRIOR
+from support.stored import PRIOR
 
 import emcee_femu as ef
 from emcee_femu.extensions.emulation.emulate import _Emulation

@@ -74,12 +74,6 @@ def test_the_basis_grows_as_the_tolerance_falls(full, reduced):
     assert model.size > reduced.size and model.full_solves <= 10 + 12
 
 
-def dense():
-    K0, M0, K = three_parts()
-    K = {name: unit.toarray() for name, unit in K.items()}
-    return MatrixModel(K0.toarray(), M0.toarray(), K, **OPTIONS), BOUNDS, 1e-4
-
-
 def free():
     bounds = {"left": (0.5, 2.0), "middle": (0.5, 2.0)}
     return MatrixModel(*three_parts(free=True), n_modes=4, skip=2), bounds, 1e-5
@@ -103,13 +97,6 @@ def soft_ends(tolerance):
     return MatrixModel(K0, M0, K, n_modes=2), bounds, tolerance
 
 
-def few_masses():
-    K0, _, K = three_parts()
-    masses = np.zeros(200)
-    masses[[30, 62, 90, 120, 150, 190]] = [1.0, 2.0, 0.5, 1.0, 3.0, 1.0]
-    return MatrixModel(K0, sparse.diags_array(masses), K, n_modes=3), BOUNDS, 1e-4
-
-
 def varying_mass():
     """One parameter is in K and in M; the bounds are in another order."""
     K0, M0, K = three_parts()
@@ -131,7 +118,7 @@ def crossing():
     return MatrixModel(0 * M0, M0, units, n_modes=5), bounds, 1e-6
 
 
-CASES = [dense, free, singular_mass, few_masses, varying_mass, crossing]
+CASES = [free, singular_mass, varying_mass, crossing]
 CASES += [lambda: soft_ends(1e-3)]
 
 
