@@ -3,11 +3,13 @@
 import gc
 import pickle
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from ctypes import byref, c_int
 
 import numpy as np
 import pytest
 from scipy import sparse
+from support.examples import load
 
 import emcee_femu as ef
 from emcee_femu.models.factorization import factor_indefinite
@@ -135,6 +137,15 @@ def test_a_pivot_that_pardiso_would_replace_is_left_to_superlu(monkeypatch):
     np.testing.assert_allclose(solution, [-1 / small, 1 / small, -1.0])
 
 
+def test_models_refuse_alike_with_either_solver(solver):
+    with pytest.raises(ValueError, match=r"mode 1 is not elastic .* \{'k': -1.0\}"):
+        modal()[0]({"k": np.array([-1.0])})
+    K, _ = membrane(14)
+    off = sparse.diags_array([np.ones(209), np.ones(209)], offsets=[1, -1])
+    with pytest.raises(ValueError, match="M0 is not positive definite"):
+        ef.MatrixModel(K, sparse.csc_array(off + sparse.eye_array(210)), {}, n_modes=2)
+
+
 # --- PARDISO's memory, threads and processes
 
 
@@ -154,6 +165,32 @@ def test_memory_lasts_as_long_as_a_solve(pardiso):
             with pytest.raises(ValueError, match="not positive definite"):
                 model({"k": np.array([k])})
     assert held() - before < sparse.triu(K).data.nbytes / 2  # of one factor, at most
+
+
+def test_threads_have_factors_of_their_own(pardiso):
+    model, _ = sprung(30)
+
+    def solve(k):
+        rows = np.full(5, k)
+        return model({"k": rows})["displacement"]
+
+    values = np.linspace(0.0, 3.0, 16)
+    expected = [solve(k) for k in values]
+    with ThreadPoolExecutor(4) as executor:
+        np.testing.assert_array_equal([*executor.map(solve, values)], expected)
+
+
+def test_the_number_of_threads_changes_no_bit(pardiso):
+    M, parts = load("large_model").solid(6_000)
+    model = ef.StaticModel(sum(parts.values()), {"weight": M.diagonal()}, {})
+    try:
+        solutions = []
+        for threads in (1, 2):
+            pardiso.libmkl.MKL_Set_Num_Threads_Local(threads)
+            solutions.append(model({})["displacement"])
+    finally:
+        pardiso.libmkl.MKL_Set_Num_Threads_Local(0)  # as many as before
+    np.testing.assert_array_equal(*solutions)
 
 
 def test_a_model_that_was_solved_is_sent_to_other_processes(pardiso):

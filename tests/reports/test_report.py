@@ -9,7 +9,6 @@ import emcee
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
-from numpy.testing import assert_allclose
 from scipy import stats
 
 import emcee_femu as ef
