@@ -163,7 +163,7 @@ class FrameModel(AffineModel):
         (('bend', 'tip'), ['bend'])
         >>> at = {"bend": np.array([1.0, 2.0]), "tip": np.array([1.0, 1.0])}
         >>> beam(at).frequencies.round(2).tolist()
-        [[5.86, 13.11], [5.86, 18.51]]
+        [[5.87, 13.12], [5.87, 18.55]]
     """
 
     def __init__(

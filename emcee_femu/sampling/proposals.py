@@ -32,7 +32,7 @@ MOST_ADDED = 0.35  # weight of all components that are added at once
 # The variance of a parameter is known where its ten largest terms hold no more of it
 # (a Gaussian's hold .06 of 1,500 draws); else what carries it gets a component, of so
 # much weight, about draws whose ln(p / q) is above what a good proposal leaves.
-TERMS, HELD, CARRIER_WEIGHT, CARRIER_LACK = 10, 0.08, 0.05, 0.3
+TERMS, HELD_BY_TERMS, CARRIER_WEIGHT, CARRIER_LACK = 10, 0.08, 0.05, 0.3
 CARRIER_RIDGE = 0.3  # of the nearest component, in its matrix
 CARRYING_ROUNDS = 4
 RELEVANT = 8.0  # a draw whose log-weight is so far below the largest carries no mass
@@ -212,7 +212,7 @@ def _carriers(draws: Draws, mixture: Mixture) -> Iterator[Component]:
     squares = shares[:, None] * (x - shares @ x) ** 2
     for terms in squares.T / squares.sum(axis=0)[:, None]:
         held = np.partition(terms, -TERMS)[-TERMS:].sum()
-        if not held > HELD:  # also of a parameter that never changes
+        if not held > HELD_BY_TERMS:  # also of a parameter that never changes
             continue
         part = np.where(lack > CARRIER_LACK, terms, 0.0)
         if not part.sum() > 0:

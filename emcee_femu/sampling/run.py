@@ -50,7 +50,7 @@ MOST_START_DRAWS = 20  # of a starting point
 # that tau takes, then each time at a quarter more: few looks, and little too much.
 FIRST_LOOK, LOOK_FURTHER = 60, 1.25
 SIZED_FOR = 10_000  # evaluations for whose chain a search is made then
-FEWEST_SOLVES = 10_000  # of which a search has half
+FEWEST_SOLVES_OF_AUTO = 10_000  # of which a search has half
 # Solves that a run takes as a rule, and seconds above which that is said before.
 USUAL_SOLVES, LONG_RUN = 20_000, 600.0
 
@@ -197,7 +197,7 @@ def run(
     ensembles = checks.whole_number("ensembles", ensembles, 1)
     steps = None if steps is None else checks.whole_number("steps", steps, 1)
     ess = checks.real_number("ess", ess, 0.0)
-    fewest = FEWEST_SOLVES if moves == "auto" and steps is None else 1
+    fewest = FEWEST_SOLVES_OF_AUTO if moves == "auto" and steps is None else 1
     solves = checks.whole_number("solves", solves, fewest)
     seed = checks.whole_number("seed", seed)
     thin_by = checks.whole_number("thin_by", thin_by, 1)
@@ -411,8 +411,8 @@ def next_look(steps: int) -> int:
     """Return the first number of steps, from these on, at which the verdict is asked.
 
     Examples:
-        >>> [next_look(steps) for steps in (0, 61, 76, 4_000)]
-        [60, 75, 94, 4334]
+        >>> [next_look(steps) for steps in (0, 61, 76)]
+        [60, 75, 94]
     """
     look = FIRST_LOOK
     while look < steps:

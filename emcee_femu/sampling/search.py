@@ -32,7 +32,7 @@ FRUITLESS = 4  # climbs in a row to known modes that end the search
 MOST_CLIMBS = 60  # from such points
 # Of the points of a search, spent on climbs from the prior with derivatives, when one
 # takes a few solves; so many at once.
-CLIMBED_SHARE, AT_ONCE = 0.5, 24
+CLIMBED_SHARE, CLIMBED_AT_ONCE = 0.5, 24
 NEGLIGIBLE = 12.0  # log evidence below the largest without a component
 SCAN_WIDENS = 2.0  # ratio of the widths of scans about the modes
 MOST_SCANS = 6
@@ -183,10 +183,10 @@ class Search:
     def _climb_from_prior(self, draws: int, budget: float) -> None:
         """Climb from draws of the prior while they are cheap: many, at once."""
         spent = self.evaluator.solves
-        for first in range(0, draws, AT_ONCE):
+        for first in range(0, draws, CLIMBED_AT_ONCE):
             if self.evaluator.solves > min(self.most, spent + budget):
                 return
-            numbers = range(first, min(first + AT_ONCE, draws))
+            numbers = range(first, min(first + CLIMBED_AT_ONCE, draws))
             finite = [i for i in numbers if np.isfinite(self.rows[i, 0])]
             if finite:
                 self._climb(finite)

@@ -132,8 +132,8 @@ def test_a_terminal_shows_a_bar_and_a_file_a_line_at_each_tenth(
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
     run(steps=15, ensembles=2, progress=asked)
     said = capsys.readouterr().err
-    assert ("2 ensembles: 100%" in said and "30/30" in said) == bool(shown)
+    assert ("sampling: 100%" in said and "30/30" in said) == bool(shown)
     assert ("\r" in said) == (shown == "bar")
     if shown == "lines":
-        counts = [line.split()[3].split("/")[0] for line in said.splitlines()]
+        counts = [line.split()[2].split("/")[0] for line in said.splitlines()]
         assert [int(count) for count in counts] == [*range(3, 31, 3)]

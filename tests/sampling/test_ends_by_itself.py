@@ -1,0 +1,91 @@
+"""A run without steps= ends by its own verdict, and is the same however it is made."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from support.free_posterior import box, free_posterior
+
+import emcee_femu as ef
+
+OPTIONS = {"nwalkers": 8, "ensembles": 4, "seed": 1}
+
+
+def gaussian(x):
+    return -0.5 * (x**2).sum(axis=1)
+
+
+POSTERIOR = free_posterior(gaussian, box(-9, 9, 2))
+WIDE = ef.IndependenceMove([1.0], [[0.0, 0.0]], [2.0 * np.eye(2)])
+
+
+def run(**changes):
+    return ef.run(POSTERIOR, WIDE, **OPTIONS | changes)
+
+
+def chains(found):
+    return np.stack([sampler.get_chain() for sampler in found])
+
+
+LOOKS = [60]
+while LOOKS[-1] < 5_000:
+    LOOKS.append(int(np.ceil(1.25 * LOOKS[-1])))
+
+
+@pytest.fixture(scope="module")
+def ended():
+    return run(ess=2_000)
+
+
+def test_it_ends_when_it_has_converged_and_is_long_enough(ended):
+    found = ef.diagnose(ended)
+    assert ended.stopped == "converged" and found.converged
+    assert min(found.ess_bulk.min(), found.ess_tail.min()) >= 2_000
+    assert ended.solves < 200_000
+    # At the look before it was not: too few effective samples, or not converged.
+    before = max([n for n in LOOKS if n < ended[0].iteration])
+    earlier = ef.diagnose(run(steps=before))  # the same seed: the same chain, shorter
+    least = min(earlier.ess_bulk.min(), earlier.ess_tail.min())
+    assert not earlier.chains.status.startswith("converged") or least < 2_000
+
+
+def test_steps_give_exactly_so_many():
+    found = run(steps=30)
+    assert found.stopped == "steps" and found[0].iteration == 30
+
+
+def test_it_ends_when_its_solves_are_spent_and_goes_on_with_more(tmp_path):
+    file = {"backend": str(tmp_path / "run.chain"), "resume": True, "ess": 2_000}
+    first = run(solves=2_000, **file)
+    assert first.stopped == "solves" and first.solves <= 2_000
+    assert ef.diagnose(file["backend"]).ess_bulk.min() < 2_000
+    second = run(**file)
+    whole = run(ess=2_000)
+    assert second.stopped == whole.stopped == "converged"
+    assert_array_equal(chains(second), chains(whole))
+    assert_array_equal(chains(run(**file)), chains(whole))  # it has ended already
+
+
+def test_workers_change_nothing(ended):
+    found = run(ess=2_000, workers=2)
+    assert_array_equal(chains(found), chains(ended))
+
+
+def test_one_ensemble_ends_when_it_is_well_mixed():
+    found = run(ensembles=1, ess=2_000)
+    assert found.stopped == "converged"
+    assert ef.diagnose(found).chains.status == "well mixed"
+
+
+def test_auto_has_a_search_within_its_solves():
+    found = ef.run(POSTERIOR, seed=2, ess=2_000)
+    assert found.stopped == "converged" and found.search.solves < found.solves < 20_000
+    with pytest.raises(ValueError, match="solves"):
+        ef.run(POSTERIOR, seed=2, solves=500)
+
+
+def test_a_long_run_is_warned_of_before_the_search(monkeypatch):
+    import emcee_femu.sampling.run as module
+
+    monkeypatch.setattr(module, "LONG_RUN", 1e-6)
+    with pytest.warns(UserWarning, match="hours"):
+        run(steps=2)

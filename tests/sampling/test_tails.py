@@ -1,0 +1,68 @@
+"""What holds little of the mass and much of a variance is covered by the proposal."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from support.free_posterior import box, free_posterior
+
+import emcee_femu as ef
+
+SHARE, LENGTH, BEND = 0.02, 3.0, 0.15  # of the mass, along x1, away from its axis
+
+
+def place(t):
+    """Return centre and sd across an arm that begins where x1 is below -2."""
+    u = np.minimum(t + 2.0, 0.0)
+    return BEND * u[:, None] ** 2 * [1.0, -1.0], 1 / (1 - 0.6 * u)[:, None]
+
+
+def arm(x):
+    """Return the density of a Gaussian with a thin, bent arm."""
+    tail = stats.expon.pdf(-3.0 - x[:, 0], scale=LENGTH)
+    mean, sd = place(x[:, 0])
+    along = np.log((1 - SHARE) * stats.norm.pdf(x[:, 0]) + SHARE * tail)
+    return along + stats.norm.logpdf(x[:, 1:], mean, sd).sum(axis=1)
+
+
+LIMITS = ef.IndependentPrior(
+    {"x1": stats.uniform(-25, 33)} | {n: stats.uniform(-60, 120) for n in ("x2", "x3")}
+)
+POSTERIOR = free_posterior(arm, LIMITS)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_thin_arm_is_met_all_along(seed):
+    """Exact draws of the arm are where the proposal draws too, not in a gap of it."""
+    found = ef.run(POSTERIOR, steps=2, ensembles=2, seed=seed).search
+    t = -3.0 - np.random.default_rng(5).exponential(LENGTH, 2_000)
+    mean, sd = place(t)
+    x = mean + sd * np.random.default_rng(6).normal(size=(len(t), 2))
+    x = np.column_stack([t, x])[t > -20]
+    lack = arm(x) - found.mixture.log_density(x)
+    assert np.quantile(lack, 0.9) < 4.0
+
+
+def test_a_gaussian_needs_no_more_than_a_few_climbs():
+    """Tails that the draws have seen cost little, and no component of their own."""
+    gaussian = free_posterior(lambda x: -0.5 * (x**2).sum(axis=1), box(-9, 9, 3))
+    found = ef.run(gaussian, steps=2, ensembles=2, seed=1).search
+    assert found.efficiency > 0.85 and len(found.mixture.weights) <= 4
+
+
+@pytest.mark.slow
+def test_the_standard_deviations_of_converged_runs_are_not_too_small():
+    """Law: a tail of .22 % of the mass and 14 % of the variance of k4 is sampled."""
+    posterior, exact = ef.paper.mass_spring().posterior, 57.61
+    runs = [ef.run(posterior, steps=300, seed=seed) for seed in range(60, 70)]
+    found = [(run, ef.diagnose(run)) for run in runs]
+    good = [(run, d) for run, d in found if d.converged]
+    assert len(good) >= 6
+    sds = np.array(
+        [
+            np.concatenate([s.get_chain(flat=True) for s in r])[:, 2].std()
+            for r, _ in good
+        ]
+    )
+    claimed = np.array([d.sd_error[2] for _, d in good])
+    assert sds.mean() > 0.98 * exact
+    assert np.sqrt(np.mean(((sds / exact - 1) / claimed) ** 2)) < 1.6
