@@ -49,6 +49,8 @@ MOST_START_DRAWS = 20  # of a starting point
 # Without steps= the verdict is asked first at so many steps, a little more than the 50
 # that tau takes, then each time at a quarter more: few looks, and little too much.
 FIRST_LOOK, LOOK_FURTHER = 60, 1.25
+# Relative error of a standard deviation: stricter than the verdict, which is asked often.
+SD_AT_END = 0.05
 SIZED_FOR = 10_000  # evaluations for whose chain a search is made then
 FEWEST_SOLVES_OF_AUTO = 10_000  # of which a search has half
 # Solves that a run takes as a rule, and seconds above which that is said before.
@@ -100,8 +102,9 @@ def run(
             without ``steps`` for 2 per parameter, at least 8; as many for
             each temperature of a :class:`~.moves.TemperedMove`.
         steps: Stored steps; ``steps * thin_by`` generations are run. None: the run ends
-            by its own verdict, as soon as :func:`diagnose` calls the chains converged
-            and ``ess`` is reached, or when ``solves`` are spent.
+            by its own verdict, as soon as :func:`diagnose` calls the chains converged,
+            ``ess`` is reached and standard deviations are known to 5 %, or when
+            ``solves`` are spent.
         ess: Effective sample size, bulk and tail, that every parameter needs before a
             run without ``steps`` ends.
         solves: Solves that a run without ``steps`` may take, its search included.
@@ -404,6 +407,7 @@ def _ask(record: Run, ess: float) -> tuple[bool, str]:
     chain = judge_chains(diagnosis, record.starts_given, 0)
     least = np.nan_to_num([diagnosis.ess_bulk, diagnosis.ess_tail]).min()
     known = chain.status != NOT_CONVERGED and least >= ess
+    known &= not (diagnosis.sd_error > SD_AT_END).any()
     return known, f"sampling, ESS {least:,.0f} of {ess:,.0f}, {chain.short}"
 
 

@@ -215,7 +215,7 @@ def test_a_chain_that_has_not_converged_is_refused_unless_it_is_but_short():
     ):
         found = ef.certify(sampled(true, chain, walkers), true, seed=1)
         assert found.short == "refused" and reason in found.verdict
-    short = certify(TRUE, n=14_000, phi=0.99)
+    short = certify(TRUE, n=7_000, phi=0.99)
     assert ef.diagnose(short).chains.reasons == ("too short",)
     assert short.faults == ()
     short = certify(TRUE, n=2_000, phi=0.99)  # so that squares are not known either
