@@ -27,7 +27,7 @@ ROUND = 300  # draws of a round of the refinement, at least
 TRIED = 800  # draws by which a proposal is judged, at least
 LAST_ROUND = 6  # times a round's draws, that the last round of a refinement may have
 REFINED = 1_500  # draws for a refinement, or half as many as the chain has
-BENT = 0.5  # acceptance of a mixture below which polynomials may do better
+BENT = 0.5  # effective share of a mixture below which polynomials may do better
 MOST_QUADRATIC = 30  # parameters of which there are quadratic ones
 GAINED = 1.5  # acceptance by polynomials, relative to that of the mixture
 SCREENED, MOST_SCREENED = 10, 100  # proposals that polynomials accept, and see
@@ -180,10 +180,12 @@ def _find_proposal(
         return theta, evaluator.rows(theta)
 
     added: list[Component] = []  # for tails, which no refinement keeps
+    fits: list[float] = []  # effective shares of mixtures without these
 
     def attempt(mixture: Mixture) -> Trial:
         draws = search.draws
         refined = refine(draws, mixture, size, most, propose)
+        fits.append(draws.effective_share(refined))
         new = [*added]
         for _ in range(TAIL_ROUNDS):
             if new:
@@ -201,7 +203,8 @@ def _find_proposal(
     trial = attempt(search.mixture())
     learned = None
     if (
-        0 < trial.acceptance < BENT
+        trial.acceptance > 0
+        and fits[0] < BENT
         and evaluator.posterior.ndim <= MOST_QUADRATIC
         and evaluator.posterior.normal
     ):
