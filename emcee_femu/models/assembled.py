@@ -103,7 +103,7 @@ class AssembledModel:
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
         """Return the response and its derivatives by all parameters, from one solve.
 
-        The format is that of :meth:`MatrixModel.jacobian`. Two assemblies per parameter
+        The format is that of ``MatrixModel.jacobian``. Two assemblies per parameter
         are added.
 
         Raises:

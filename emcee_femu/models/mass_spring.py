@@ -101,7 +101,7 @@ class MassSpringModel:
 
         Raises:
             ValueError: As for a call, or if two modes coincide that separate as a
-                parameter changes; see :meth:`MatrixModel.jacobian`.
+                parameter changes; see ``MatrixModel.jacobian``.
         """
         k, m, where = self._coefficients(parameters)
         names = [*self._stiffnesses, *self._masses]

@@ -133,7 +133,7 @@ class ReducedModel(Report):
 
         Raises:
             ValueError: As for a call, or if two modes coincide that separate as a
-                parameter changes; see :meth:`MatrixModel.jacobian`.
+                parameter changes; see ``MatrixModel.jacobian``.
         """
         read_inside(parameters, self.bounds, "reduce")
         return self._small.jacobian(parameters)
