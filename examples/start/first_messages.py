@@ -131,7 +131,7 @@ expected = [
     "expected at least 2 * ndim = 10",
     "give the prior bounds",
     "3",
-    "got (6400, 2)",
+    "got (1000, 2)",
     "starts: k1 = ",
 ]
 assert len(said) == len(expected)

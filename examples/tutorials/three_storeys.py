@@ -63,7 +63,7 @@ frequencies = ef.FrequencyTerm(hertz, relative_sd=0.005)
 alone = ef.run(
     ef.LogPosterior(model, frequencies, prior, units), steps=150, ensembles=2, seed=1
 )
-ef.parameter_table(alone, nominal=theirs)
+ef.parameter_table(alone, true=theirs)
 
 # %% [markdown]
 # The masses are as unknown as before. A heavier structure with stiffer columns has the
@@ -80,7 +80,7 @@ run = ef.run(
 ef.diagnose(run)
 
 # %%
-ef.parameter_table(run, nominal=theirs)
+ef.parameter_table(run, true=theirs)
 
 # %% mystnb={"image": {"alt": "Prior and posterior of four masses and three stiffnesses"}}
 ef.figures.plot_prior_posterior(run)
