@@ -257,8 +257,8 @@ assert np.abs(off).max() < 3  # the file is a test of the true frame, scattered 
 for name, value in truth.items():
     x = draws[name].values
     assert abs(x.mean() - value) < 2.5 * x.std()
-left = ef.parameter_table(idata).column("sd/prior sd")  # beams x, beams y, columns
-assert left[2] < 0.1 < left[1] < left[0] < 0.4
+left = ef.parameter_table(idata).column("sd/prior sd")  # columns, beams x, beams y
+assert left[0] < 0.1 < left[2] < left[1] < 0.4
 assert 0.006 < draws["frequency error"].values.mean() < 0.009
 assert run[0].nwalkers == 20
 predicted = ef.predictive_table(idata, posterior)
