@@ -34,7 +34,7 @@ SCREENED, MOST_SCREENED = 10, 100  # proposals that polynomials accept, and see
 POPULATION, POPULATION_DF = 1_000, 5.0  # members of all ensembles
 POOR_ACCEPTANCE = 0.2  # acceptance below which gradients do better
 TUNED, TUNING = 24, 14_000  # draws from which Hamiltonian moves are tuned, and solves
-TAIL_ROUNDS = 3  # of climbs in the tails
+TAIL_ROUNDS = 2  # of climbs in the tails
 SLABS_PER_ROUND = 4  # of a tail, for which a round has its usual draws
 TAIL_SOLVES = 0.6  # that each may spend, of those of a refinement
 EVIDENCE_MISSED = 1.0  # log evidence by which one proposal finds more than another
@@ -187,16 +187,16 @@ def _find_proposal(
         refined = refine(draws, mixture, size, most, propose)
         fits.append(draws.effective_share(refined))
         new = [*added]
-        for _ in range(TAIL_ROUNDS):
+        for number in range(TAIL_ROUNDS + 1):
             if new:
                 refined = cover(add_components(uncover(refined), new))
-                number = size * max(1, len(new) // SLABS_PER_ROUND)
-                draws.add(*propose(refined, number), refined)
+                drawn = size * max(1, len(new) // SLABS_PER_ROUND)
+                draws.add(*propose(refined, drawn), refined)
+            if number == TAIL_ROUNDS or (number and not new):
+                break
             limit = min(last, evaluator.solves + TAIL_SOLVES * most)
             new = climb_tails(evaluator, draws, limit)
             added.extend(new)
-            if not new:
-                break
         refined = carry(draws, refined, size, propose)
         return Trial(refined, *propose(refined, judged))
 

@@ -35,8 +35,8 @@ STOPPED_BY_VERDICT, STOPPED_BY_SOLVES, STOPPED_BY_STEPS = "converged", "solves",
 # The same in words.
 ENDED = {
     "": "",
-    STOPPED_BY_VERDICT: "; it ended when it had converged",
-    STOPPED_BY_SOLVES: "; it ended when its solves were spent",
+    STOPPED_BY_VERDICT: "it had converged",
+    STOPPED_BY_SOLVES: "its solves were spent; resume=True with more goes on",
     STOPPED_BY_STEPS: "",
 }
 Labels: TypeAlias = NDArray[np.intp]
@@ -96,9 +96,12 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
     def _parts(self) -> Parts:
         steps = [sampler.iteration for sampler in self.samplers]
         walkers = self.samplers[0].nwalkers
+        ended = ENDED[self.stopped]
         yield (
             f"{len(self)} ensemble{'s' * (len(self) > 1)} of {walkers} walkers, "
-            f"{min(steps)} steps, {self.solves:,} solves{ENDED[self.stopped]}"
+            f"{min(steps)} steps, {self.solves:,} solves"
+            + f"; the run ended when {ended}"
+            * bool(ended)
         )
         if self.search is not None:
             yield f"Moves: {self.search.sentence}"

@@ -331,7 +331,8 @@ def _search(
     posterior, ensembles = evaluator.posterior, shape[1]
     if store is not None:  # steps may have grown since the search began
         evaluations = store["evaluations"] or evaluations
-        store["evaluations"] = evaluations
+        most = store["search budget"] or most
+        store["evaluations"], store["search budget"] = evaluations, most
         if (stored := store["search"]) is not None:
             return SearchRecord.from_json(stored), []
     logger.info(f"search, at most {most:,} solves")
@@ -376,13 +377,11 @@ def _sample_until(
             look = next_look(done)
             left = solves - record.solves
             if even:
-                converged = done == look or left <= 0
-                if converged and done:
+                if done == look:
                     converged, text = _ask(record, ess)
                     caption(bar, text)
                     if converged:
                         return STOPPED_BY_VERDICT
-                if done == look:
                     look = next_look(done + 1)
                 each = thin_by * sum(sampler.nwalkers for sampler in samplers)
                 if done:  # a proposal of some moves takes several solves

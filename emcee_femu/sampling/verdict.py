@@ -23,7 +23,7 @@ from .judge import (
     tau_by_ensemble,
 )
 from .modes import ModeWeights, weigh_modes
-from .record import Chains
+from .record import ENDED, Chains
 
 # Steps per autocorrelation time below which tau itself is unreliable.
 STEPS_PER_TAU = 50
@@ -125,6 +125,7 @@ class Diagnosis(Report):
             warnings about the model or the prior), "at a bound", "does not fit" or "not
             checked".
         plain: Whether it is of emcee alone, whose user has no LogPosterior to run.
+        stopped: Why the run ended: "converged", "solves" or "steps"; empty if unknown.
     """
 
     names: tuple[str, ...]
@@ -145,6 +146,7 @@ class Diagnosis(Report):
     search: Statement = NOT_JUDGED
     fit: Statement = NOT_JUDGED
     plain: bool = False
+    stopped: str = ""
 
     @property
     def converged(self) -> bool:
@@ -198,6 +200,8 @@ class Diagnosis(Report):
                 f"{self.acceptance.min():.2f} to {self.acceptance.max():.2f}), "
                 f"{len(self.stuck)} stuck walkers."
             )
+        if ended := ENDED[self.stopped]:
+            yield f"The run ended when {ended}."
         if self.failures:
             yield f"Failed solves, counted as zero probability: {dict(self.failures)}."
         yield self.verdict
@@ -248,6 +252,7 @@ def measure(chains: Chains) -> Diagnosis:
         modes=weigh_modes(chains),
         failures=chains.failures,
         plain=chains.plain,
+        stopped=chains.stopped,
     )
 
 

@@ -103,7 +103,7 @@ def mixture(x):
 
 DENSITIES = {  # and the effective share of the proposal
     "one parameter": (1, 0.8, lambda x: -0.5 * ((x[:, 0] - 0.3) / 0.01) ** 2),
-    "a kink": (2, 0.15, lambda x: -50 * np.abs(x - 0.3).sum(axis=1)),
+    "a kink": (2, 0.35, lambda x: -50 * np.abs(x - 0.3).sum(axis=1)),
     "a mixture": (3, 0.7, mixture),
 }
 
