@@ -64,6 +64,15 @@ def test_html_is_escaped_and_has_the_same_cells(table):
     assert "<E>" not in text and "<kinds>" not in text
 
 
+def test_html_of_a_report_has_tables_and_escaped_sentences():
+    class Found(Report):
+        def _parts(self):
+            return WIDE, "a < b\nc"
+
+    assert str(Found()) == f"{WIDE}\na < b\nc"
+    assert Found()._repr_html_() == f"{WIDE._repr_html_()}\n<p>a &lt; b</p>\n<p>c</p>"
+
+
 def test_a_frame_keeps_every_digit():
     frame = MIXED.to_frame()
     assert tuple(frame.columns) == MIXED.columns
@@ -82,3 +91,20 @@ def test_a_prompt_and_a_notebook_show_what_print_shows():
     noisy = ef.FrequencyTerm([3.0, 9.0], discrepancy="noise")
     for thing, part in ((frame, "frequency [1]"), (noisy, "noise")):
         assert part in repr(thing) and "0x" not in repr(thing)
+
+
+def test_a_wide_table_is_printed_in_blocks_with_the_names_of_the_rows():
+    columns = [(f"quantity {i}", ".3f", [i + 0.125, i + 0.25]) for i in range(12)]
+    table = Table.from_columns("Wide", [("name", "", ["first", "second"]), *columns])
+    title, *lines = str(table).splitlines()
+    assert title == "Wide" and max(map(len, lines)) <= 80
+    cells = [line.split() for line in lines if not line.startswith("-")]
+    for name, shift in (("first", 0.125), ("second", 0.25)):
+        values = [cell for row in cells if row[0] == name for cell in row[1:]]
+        assert values == [f"{i + shift:.3f}" for i in range(12)]
+        rows = re.findall(rf"<tr><td [^>]*>{name}</td>(.*?)</tr>", table._repr_html_())
+        assert len(rows) > 1
+        cells_there = [
+            cell for row in rows for cell in re.findall("<td>(.*?)</td>", row)
+        ]
+        assert cells_there == values

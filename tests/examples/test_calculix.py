@@ -87,6 +87,19 @@ def test_a_damaged_dat_file_is_refused(driver, old, new, message):
 
 
 @posix
+def test_a_job_has_a_folder_of_its_own_which_is_removed(driver, tmp_path, monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "8")
+    here, script = {"scratch": tmp_path}, "cat job.inp > job.dat; echo $OMP_NUM_THREADS"
+    with driver.finished_job("DECK", shell(script), **here) as first:
+        assert (first / "printed.txt").read_text() == "1\n"
+        assert first.parent == tmp_path and f"worker-{os.getpid()}-" in first.name
+        assert (first / "job.dat").read_text() == "DECK"
+        with driver.finished_job("DECK", shell("true"), **here) as second:
+            assert second != first and not (second / "job.dat").exists()
+    assert not list(tmp_path.iterdir())
+
+
+@posix
 @pytest.mark.parametrize(
     ("script", "error", "message"),
     [
@@ -106,6 +119,17 @@ def test_a_solve_that_fails_says_why_and_leaves_nothing(
         with driver.finished_job("", shell(script), limit, scratch=tmp_path) as folder:
             driver.read_frequencies((folder / "job.dat").read_text(), 1)
     assert not list(tmp_path.iterdir())
+
+
+@posix
+def test_a_missing_licence_is_waited_for(driver, tmp_path):
+    tries = tmp_path / "tries"
+    script = f"""echo >> {shlex.quote(str(tries))}
+        [ $(wc -l < {shlex.quote(str(tries))}) -ge 3 ] && exit 0
+        echo 'No licence: all are in use'; exit 1"""
+    with driver.finished_job("", shell(script)):
+        pass
+    assert tries.read_text().count("\n") == 3
 
 
 @posix
@@ -129,6 +153,32 @@ def test_a_machine_that_cannot_solve_rejects_no_point_but_stops_the_run(
     posterior = posterior_of(solve)
     with pytest.raises(driver.Unavailable, match=message):
         ef.run(posterior, ef.DEMCMove(), 8, 2, **REJECT, workers=workers)
+
+
+@posix
+def test_a_run_without_a_licence_goes_on_when_there_is_one(driver, tmp_path):
+    solves, free = tmp_path / "solves", tmp_path / "free"
+    script = f"""echo >> {shlex.quote(str(solves))}
+        [ $(wc -l < {shlex.quote(str(solves))}) -lt 20 ] && exit 0
+        [ -e {shlex.quote(str(free))} ] || {{ echo No license; exit 1; }}"""
+
+    def solve(p):
+        with driver.finished_job("", shell(script), patience=0.0):
+            return [6.8 * np.sqrt(p["k"])]
+
+    def chain(function, backend=None):
+        stored = {"backend": backend, "resume": backend is not None}
+        run = ef.run(posterior_of(function), ef.DEMCMove(), 8, 4, **REJECT, **stored)
+        assert not run.failures.causes
+        return run[0].get_chain()
+
+    with pytest.raises(driver.Unavailable, match="no licence"):
+        chain(solve, tmp_path / "run.chain")
+    free.touch()
+    expected = chain(lambda p: [6.8 * np.sqrt(p["k"])])
+    np.testing.assert_array_equal(chain(solve, tmp_path / "run.chain"), expected)
+    # Starts and a generation were kept; 16 solves check that the model is the same.
+    assert solves.read_text().count("\n") < 20 + 16 + 3 * 8
 
 
 def posterior_of(solve):

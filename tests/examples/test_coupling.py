@@ -44,9 +44,7 @@ def check_update(name, mean_gap=0.2, sd_gap=0.1):
     np.testing.assert_allclose(draws.std(axis=0), sd, rtol=sd_gap)
 
 
-@pytest.mark.slow
 def test_opensees_frame(capsys):
-    """The law of the page: the posterior of its least squares, as of the next two."""
     opensees()
     check_update("opensees")
     shown = capsys.readouterr().out
@@ -55,14 +53,12 @@ def test_opensees_frame(capsys):
 
 @pytest.mark.slow
 def test_pynite_frame():
-    """The law of the page, as of OpenSees."""
     pytest.importorskip("Pynite", reason="pip install 'emcee_femu[pynite]'")
     check_update("pynite")
 
 
 @pytest.mark.slow
 def test_skfem_plate(plate):
-    """The law of the page, as of OpenSees."""
     check_update("scikit_fem")
 
 
@@ -71,6 +67,33 @@ def test_a_page_can_be_imported_without_its_program(name, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, PROGRAMS[name], None)
     load(f"how_to/{name}")
     assert capsys.readouterr().out == ""
+
+
+def test_strips_and_mass_of_the_plate_have_their_closed_forms(plate):
+    basis, ones = plate.plate(), dict.fromkeys(plate.TRUTH, 1.0)
+    whole = plate.assemble(basis, ones)
+    assert len(whole.labels) == whole.size == 96
+    # w = x^2 y is clamped at x = 0 and lies in the space of the elements.
+    values = {
+        "u": lambda x, y: x**2 * y,
+        "u_x": lambda x, y: 2 * x * y,
+        "u_y": lambda x, y: x**2,
+        "u_xy": lambda x, y: 2 * x,
+    }
+    places = basis.mesh.p.T
+    rows = [label.split(":") for label in whole.labels]
+    w = np.array([values[name](*places[int(node)]) for node, name in rows])
+    L, W, nu = plate.LENGTH, plate.WIDTH, plate.NU
+    mass = plate.RHO * plate.THICKNESS * L**5 / 5 * W**3 / 3
+    assert w @ (whole.M @ w) == pytest.approx(mass, rel=1e-10)
+    D = plate.E * plate.THICKNESS**3 / (12 * (1 - nu**2))
+    for i, name in enumerate(plate.TRUTH):
+        part = plate.assemble(basis, {**ones, name: 2.0}).K - whole.K
+        a, b = i * L / 4, (i + 1) * L / 4
+        # w_xx = 2 y, w_xy = 2 x, w_yy = 0
+        bent = 4 * W**3 / 3 * (b - a)
+        twisted = 2 * (1 - nu) * 4 * W * (b**3 - a**3) / 3
+        assert w @ (part @ w) == pytest.approx(D * (bent + twisted), rel=1e-9)
 
 
 def test_a_uniform_square_plate_has_the_published_frequencies(plate, monkeypatch):

@@ -19,6 +19,12 @@ def full_file(folder):
     return path
 
 
+def test_ansys_without_its_reader_is_told_how(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ansys.mapdl.reader", None)
+    with pytest.raises(ImportError, match=r"file\.full.*emcee_femu\[ansys\].*\*EXPORT"):
+        ef.read_matrices(full_file(tmp_path))
+
+
 def test_ansys_files_have_upper_triangles_and_empty_rows_of_held_DOFs(
     tmp_path, monkeypatch
 ):

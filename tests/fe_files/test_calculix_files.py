@@ -32,6 +32,22 @@ def test_any_file_of_the_job_gives_all_three(tmp_path, end):
     np.testing.assert_array_equal(read.nodes, dofs)
 
 
+def test_files_may_have_any_names(tmp_path):
+    path = write_calculix(tmp_path, *cantilever())
+    files = {"K": "stiffness.txt", "M": "mass.txt", "dofs": "labels.txt"}
+    for end, name in zip(("sti", "mas", "dof"), files.values(), strict=True):
+        path.with_suffix(f".{end}").rename(tmp_path / name)
+    read = ef.read_matrices({k: tmp_path / name for k, name in files.items()})
+    assert [*read.matrices] == ["K", "M"] and read.labels[-1] == "27:ry"
+    del files["dofs"]
+    read = ef.read_matrices({k: tmp_path / name for k, name in files.items()})
+    assert read.labels == ()
+    with pytest.raises(ValueError, match=r"names: .*does not say what its rows are"):
+        read.dofs("node 12 z")
+    with pytest.raises(ValueError, match=r"stiffness.txt: .*does not say which matrix"):
+        ef.read_matrices(tmp_path / "stiffness.txt")
+
+
 @pytest.fixture
 def beam(tmp_path):
     return write_calculix(tmp_path, *cantilever())
@@ -44,6 +60,21 @@ def test_a_DOF_is_named_as_people_do(beam, name):
     assert type(row) is int and read.labels[row] == "15:uz"
     rows = read.dofs([name, "13:ry"])
     assert rows.dtype == np.intp and rows.tolist() == [row, 1]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("node 14 z", "no node 14 among 8 nodes, 13 to 27"),
+        ("15:uy", r"node 15 has \['15:uz', '15:ry'\]"),
+        ("15", "'node 12 z'"),
+        ("15:w", "'node 12 z'"),
+        ("roof z", "'node 12 z'"),
+    ],
+)
+def test_a_DOF_that_is_not_there_is_refused(beam, name, message):
+    with pytest.raises(ValueError, match=message):
+        ef.read_matrices(beam).dofs(name)
 
 
 def test_a_node_that_became_several_is_chosen_by_row(tmp_path):

@@ -7,10 +7,10 @@ from scipy.io import mmwrite
 from support.exports import (
     FREQUENCIES,
     cantilever,
-    op4,
     write_abaqus,
     write_calculix,
     write_dmig,
+    write_op4,
 )
 
 import emcee_femu as ef
@@ -22,12 +22,6 @@ def write_market(folder, symmetry="symmetric", kind=sparse.coo_array):
     for name, matrix in (("K", K), ("M", M)):
         mmwrite(folder / f"{name}.mtx", kind(matrix), "a beam", symmetry=symmetry)
     return {"K": folder / "K.mtx", "M": folder / "M.mtx"}
-
-
-def write_op4(folder, form):
-    path = folder / "beam.op4"
-    path.write_text(op4("KAA", K, form) + op4("MAA", M, form))
-    return path
 
 
 def write_npz(folder):
@@ -47,7 +41,9 @@ WRITERS = {
     "CalculiX": lambda folder: write_calculix(folder, K, M, DOFS),
     "Nastran DMIG": lambda folder: write_dmig(folder / "beam.pch", K, M, DOFS),
     **{
-        f"Nastran OP4, {form}": lambda folder, form=form: write_op4(folder, form)
+        f"Nastran OP4, {form}": lambda folder, form=form: write_op4(
+            folder / "beam.op4", form, KAA=K, MAA=M
+        )
         for form in ("dense", "sparse", "bigmat")
     },
 }
@@ -66,6 +62,23 @@ def test_what_was_written_is_read(tmp_path, program):
         assert read.dofs("node 27 z") == 14
     else:
         assert read.nodes is None
+
+
+@pytest.mark.parametrize("program", WRITERS)
+def test_the_suffix_does_not_matter(tmp_path, program):
+    given = WRITERS[program](tmp_path)
+    if program == "CalculiX":
+        given = {"K": given, "M": given.with_suffix(".mas")}
+    elif not isinstance(given, dict):
+        other = given.with_name(given.name.replace("STIF", "MASS"))
+        given = {"K": given, "M": other}
+    renamed = {}
+    for name, path in given.items():
+        renamed[name] = tmp_path / f"{name}.txt"
+        renamed[name].write_bytes(path.read_bytes())
+    read = ef.read_matrices(renamed)
+    np.testing.assert_allclose(read.K.toarray(), K, rtol=6e-10)
+    np.testing.assert_allclose(read.M.toarray(), M, rtol=6e-10)
 
 
 @pytest.mark.parametrize("program", WRITERS)

@@ -58,6 +58,13 @@ def test_numbers_are_read_by_the_formats_that_the_file_says(tmp_path, changed):
     assert read.K.toarray().tolist() == K
 
 
+@pytest.mark.parametrize("kind", ["CSA", "PUA", "RSE", "RZA", "RRA"])
+def test_other_types_are_refused_by_their_name(tmp_path, kind):
+    files = write(tmp_path / "K.hb", {3: LINES[2].replace("RSA", kind)})
+    with pytest.raises(ValueError, match=rf"K\.hb.*{kind}"):
+        ef.read_matrices(files)
+
+
 @pytest.mark.parametrize(
     ("line", "text"),
     [(3, LINES[2].replace("RSA", "RUA")),  # half of it alone

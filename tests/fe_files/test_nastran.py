@@ -1,8 +1,11 @@
 """Nastran: every layout of OUTPUT4 as text and of DMIG, and files of many matrices."""
 
+import re
+import warnings
+
 import numpy as np
 import pytest
-from support.exports import op4
+from support.exports import cantilever, write_dmig
 
 import emcee_femu as ef
 
@@ -10,6 +13,37 @@ A = np.diag([2.0, 3e5, 4.0, 5.0, 6.0, 7.0, 8.0])
 A[0, 3:] = A[3:, 0] = -1.5, -1.25e-102, 1 / 3, -1.0  # two strings in a column
 A[1, 2] = A[2, 1] = -0.5
 LOAD, SKEW, SMALL = A[:, :2], A + np.triu(A, 1), A[:3, :3]
+
+
+def cell(x, told):
+    """Write a number as Fortran does: no E beside three digits of an exponent."""
+    width, digits = (23, 16) if "23.16" in told else (16, 9)
+    number = re.sub(r"E(?=[-+]\d{3}$)", "", f"{x:.{digits}E}")
+    return (number.replace("E", "D") if "D" in told else number).rjust(width)
+
+
+def op4(name, B, layout="dense", told="1P,3E23.16", kind=2):
+    """Return a matrix as OUTPUT4 writes it FORMATTED."""
+    n, words, wide = B.shape[1], 2 - kind % 2, 16 if layout == "bigmat 64" else 8
+    rows = -len(B) if "bigmat" in layout else len(B)
+    text = f"{n:{wide}d}{rows:{wide}d}{6:8d}{kind:8d}{name:8s}{told}\n"
+    for j, column in enumerate(B.T, 1):
+        there, body, total = np.flatnonzero(column), "", 0
+        strings = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)
+        if layout == "dense":
+            strings = [np.arange(there[0], there[-1] + 1)]
+        for s in strings:
+            L, row = words * len(s) + 1, s[0] + 1
+            heads = {"dense": [], "sparse": [row + 65536 * L]}
+            head = heads.get(layout, [L, row])
+            total += L - 1 + len(head)
+            body += "".join(f"{x:{wide + 4}d}" for x in head) + "\n" * bool(head)
+            per = 80 // len(cell(1.0, told))
+            for k in range(0, len(s), per):
+                body += "".join(cell(x, told) for x in column[s[k : k + per]]) + "\n"
+        first = there[0] + 1 if layout == "dense" else 0
+        text += f"{j:{wide}d}{first:{wide}d}{total:{wide}d}\n{body}"
+    return text + f"{n + 1:{wide}d}{1:{wide}d}{1:{wide}d}\n{cell(1.0, told)}\n"
 
 
 @pytest.mark.parametrize("layout", ["dense", "sparse", "bigmat", "bigmat 64"])
@@ -36,9 +70,18 @@ def test_good_matrices_of_an_OP4_file_are_read_beside_others(tmp_path):
         assert [*read.matrices] == ["K", "M"]
         np.testing.assert_array_equal(read.K.toarray(), A)
         np.testing.assert_array_equal(read.M.toarray(), 3 * A)
-    for name in ("PG", "UNS", "CAA"):  # no square, symmetric, real matrix
-        with pytest.raises(ValueError, match=rf"many\.op4.*{name}"):
+    for name, why in (("PG", ""), ("UNS", "symmetric"), ("CAA", "complex")):
+        with pytest.raises(ValueError, match=rf"many\.op4.*{name}.*{why}"):
             ef.read_matrices({name: path})
+    for text, why in ((op4("KAA", SKEW), "KAA.*symmetric"), (others[0], "square")):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=rf"many\.op4.*{why}"):
+            ef.read_matrices(path)
+    sets = ("KGG", A), ("KAA", SMALL), ("MGG", 2 * A), ("MAA", 2 * SMALL)
+    path.write_text("".join(op4(*each) for each in sets))
+    read = ef.read_matrices(dict.fromkeys(("KAA", "MAA"), path)).matrices
+    np.testing.assert_array_equal(read["KAA"].toarray(), SMALL)
+    np.testing.assert_array_equal(read["MAA"].toarray(), 2 * SMALL)
 
 
 @pytest.mark.parametrize(
@@ -150,3 +193,31 @@ def test_binary_OP4_is_refused_with_the_export_that_is_read(tmp_path, order, wor
     path.write_bytes(mark + record + mark + bytes(400))
     with pytest.raises(ValueError, match=r"beam\.op4: .*FORMATTED"):
         ef.read_matrices(path)
+
+
+def test_a_mass_without_rotations_gets_rows_of_zeros(tmp_path):
+    # Lumped at z alone: Nastran writes no column for DOFs without mass.
+    K, _, dofs = cantilever()
+    lumped = np.diag(np.where(dofs[:, 1] == 3, 2.0, 0.0))
+    read = ef.read_matrices(write_dmig(tmp_path / "beam.pch", K, lumped, dofs))
+    np.testing.assert_array_equal(read.M.toarray(), lumped)
+    np.testing.assert_array_equal(read.nodes, dofs)
+
+
+def test_a_punch_file_that_was_cut_at_the_end_of_a_line_is_noticed(tmp_path):
+    """It has no end mark; what is left is a matrix, but hardly that of a structure."""
+    path = write_dmig(tmp_path / "beam.pch", *cantilever())
+    lines, silent = path.read_text().splitlines(keepends=True), 0
+    mass = next(i for i, line in enumerate(lines) if "MAAX" in line)
+    for end in range(1, len(lines) - 1, 4):
+        path.write_text("".join(lines[:end]))
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")  # the last node has no mass
+            try:
+                read = ef.read_matrices(path)
+            except ValueError as error:
+                assert "beam.pch" in str(error)
+                continue
+        assert end > 2 and (end <= mass + 1) == ("M" not in read.matrices)
+        silent += end > mass + 1 and not caught
+    assert silent <= 2

@@ -108,6 +108,15 @@ def test_what_cannot_be_drawn_says_what_to_give(run):
     for plot in (ef.figures.plot_shapes, ef.figures.plot_mac):
         with pytest.raises(ValueError, match="shapes=True"):
             plot(plain, **{"geometry": TOWER} if plot is ef.figures.plot_shapes else {})
+    term = ef.FrequencyTerm(TEST, relative_sd=0.01)
+    paired = ef.PairedModel(MODEL, TEST, candidates=2)
+    tests = {"empty": (paired, term), "plain": (MODEL, term)}
+    joint = ef.LogPosterior.joint(tests, PRIOR)
+    both = ef.run(joint, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
+    assert len(ef.figures.plot_mac(both, experiment="empty").axes) == 3
+    for options, message in (({}, "experiment"), ({"experiment": "plain"}, "pairs no")):
+        with pytest.raises(ValueError, match=message):
+            ef.figures.plot_mac(both, **options)
 
 
 @pytest.mark.parametrize("shapes", [True, ["3:uy", "2:uy"]])
@@ -173,8 +182,10 @@ def test_sensors_across_each_other_add_up_and_a_skew_one_is_not_counted_twice():
     assert_allclose(along, move / np.linalg.norm(move), rtol=1e-9)
 
 
-def test_the_matrix_has_the_mac_before_and_after(run):
+def test_the_matrix_has_the_mac_before_and_after_and_intervals_of_pairs(run):
     figure = ef.figures.plot_mac(run)
+    mac = dataset(ef.to_inference_data(run), "response")["mac"].values.reshape(-1, 2)
+    low, high = np.quantile(mac, [0.025, 0.975], axis=0)
     before_and_after = solved(*PRIOR.mean), at_mean(run)
     for axes, (_, shapes) in zip(figure.axes, before_and_after, strict=False):
         expected = (MEASURED.T @ shapes) ** 2 / (MEASURED**2).sum(axis=0)[:, None]
@@ -182,16 +193,25 @@ def test_the_matrix_has_the_mac_before_and_after(run):
         texts = {text.get_position(): text.get_text() for text in axes.texts}
         for (i, j), value in np.ndenumerate(expected):
             assert texts[j, i].startswith(f"{value:.2f}".removeprefix("0"))
+            ends = f"{low[i]:.3f}–{high[i]:.3f}".replace("0.", ".")
+            assert (ends in texts[j, i]) == (i == j and axes is figure.axes[1])
         frames = [p for p in axes.patches if isinstance(p, Rectangle)]
         centres = [np.mean(p.get_corners(), axis=0) for p in frames]
         assert_allclose(centres, [[0, 0], [1, 1]], atol=1e-12)
     assert_nothing_is_clipped(figure)
     assert_no_texts_overlap(figure)
-    # A pair out of order is framed where it is.
+    # A pair out of order is framed where it is, around its interval.
     turned = ef.Measurements(HERTZ, shapes=SHAPES[:, ::-1], dofs=[0, 1])
-    frames = ef.figures.plot_mac(run_of(MODEL, turned)).axes[1].patches
+    figure = ef.figures.plot_mac(run_of(MODEL, turned))
+    figure.canvas.draw()
+    frames = figure.axes[1].patches
     centres = [np.mean(p.get_corners(), axis=0) for p in frames]
     assert_allclose(centres, [[1, 0], [0, 1]], atol=1e-12)
+    boxes = [p.get_window_extent() for p in frames]
+    for text in figure.axes[1].texts:
+        if "–" in text.get_text():
+            box = text.get_window_extent()
+            assert any(f.x0 < box.x0 and box.x1 < f.x1 for f in boxes)
 
 
 def test_what_close_modes_span_is_drawn_at_the_sensors_only():

@@ -39,6 +39,15 @@ def test_values_are_those_of_scipy(amplitude, discrepancy):
     np.testing.assert_allclose(found, np.sum(parts, axis=0).sum(axis=(1, 2)))
 
 
+def test_errors_that_are_given():
+    known = ef.frf.FRFTerm(MEASURED, sd=MEASURED.sd)
+    np.testing.assert_allclose(
+        known({}, RESPONSE), ef.frf.FRFTerm(MEASURED)({}, RESPONSE)
+    )
+    per_channel = ef.frf.FRFTerm(MEASURED, sd=[[0.1], [0.2]])
+    np.testing.assert_array_equal(per_channel.sd, [[0.1] * 3, [0.2] * 3])
+
+
 def chain():
     ends = [np.array([1.0, 0, 0]), np.array([-1.0, 1, 0]), np.array([0, -1.0, 1])]
     K = {f"k{i}": np.outer(e, e) for i, e in enumerate(ends, 1)}
@@ -72,6 +81,14 @@ def simulated(rng):
 
 @pytest.mark.slow
 def test_the_truth_ranks_uniformly_among_the_draws(monkeypatch):
-    """The law of the density of FRFs: simulation-based calibration."""
     shorten_search(monkeypatch)
     assert p_values(auto_ranks(simulated, 48, seed=31)).min() > 0.001 / 5
+
+
+def test_magnitudes_are_no_complex_values():
+    sizes = ef.frf.FRFMeasurements(LINES, np.abs(VALUES), CHANNELS, kind="receptance")
+    with pytest.raises(ValueError, match="measured: expected complex values"):
+        ef.frf.FRFTerm(sizes, sd=0.1)
+    both = [ef.frf.FRFTerm(own, sd=0.1, amplitude=True) for own in (sizes, MEASURED)]
+    values = [term({}, RESPONSE) for term in both]
+    np.testing.assert_allclose(*values)

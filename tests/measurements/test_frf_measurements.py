@@ -170,6 +170,23 @@ def test_values_are_converted_to_si(tmp_path, response, reference, factor):
     assert found.channels[0] == (f"4{axes[response]}", f"7{axes[reference]}")
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("\n        18 ", "\n        17 ", "data set 1: .*abscissa .*17"),
+        ("         4   1", "         4   7", "data set 1: .*response direction .*7"),
+        ("    3         1", "    5         1", r"data set 1: .*\(5,\), got 3"),
+    ],
+)
+def test_a_function_that_is_not_read_is_named(tmp_path, old, new, message):
+    path = write(tmp_path / "frf.uff", abscissa_spec_data_type=18)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(ValueError, match=message):
+        ef.frf.FRFMeasurements.from_uff(path)
+
+
 @pytest.mark.parametrize("signs", [(1, 1), (-1, 1)])
 def test_universal_files(tmp_path, signs):
     path = write(tmp_path / "frf.uff", signs=signs)
@@ -180,3 +197,10 @@ def test_universal_files(tmp_path, signs):
     np.testing.assert_allclose(found.values, H, rtol=1e-4)
     np.testing.assert_allclose(found.coherence, COHERENCE, rtol=1e-4)
     assert ef.frf.FRFMeasurements.from_uff(path).coherence is None
+    for given, message in (((1, 2), None), ((5, 6), "no line between 5 and 6 Hz")):
+        if message is None:
+            part = ef.frf.FRFMeasurements.from_uff(path, between=given)
+            np.testing.assert_allclose(part.values, H[:, :2], rtol=1e-4)
+            continue
+        with pytest.raises(ValueError, match=message):
+            ef.frf.FRFMeasurements.from_uff(path, between=given)

@@ -199,6 +199,19 @@ def test_a_result_of_pyoma2():
     np.testing.assert_array_equal(m.damping_sd, 1e-3)
 
 
+def test_modes_of_pyoma2_are_put_in_ascending_order_and_chosen():
+    plain, order = a_result(Phi_std=np.abs(X) + 0.1), [2, 0, 1]
+    fields = {key: value[..., order] for key, value in vars(plain).items()}
+    fields["Fn"] = np.where(fields["Fn"] == F[1], np.nan, fields["Fn"])  # not found
+    mixed = SimpleNamespace(**fields)
+    with pytest.raises(ValueError, match=r"result.Fn: mode 3 .*modes=\[1, 2\]"):
+        Measurements.from_pyoma2(mixed)
+    m = Measurements.from_pyoma2(plain, shape_sd=True)
+    n = Measurements.from_pyoma2(mixed, shape_sd=True, modes=[1, 2])
+    for field in ("frequencies", "sd", "shapes", "shape_sd", "damping"):
+        np.testing.assert_array_equal(getattr(m, field)[..., [0, 2]], getattr(n, field))
+
+
 @pytest.mark.parametrize(
     ("result", "message"),
     [

@@ -110,3 +110,11 @@ def test_what_is_only_unusual_is_measured():
     np.testing.assert_allclose(m.covariance, COVARIANCE, rtol=1e-9)
     with pytest.warns(UserWarning, match="damping: .* 110 %"):
         Measurements([3.0, 9.0], damping=[0.8, 1.1])
+
+
+def test_the_table_shows_the_standard_deviations_of_a_covariance():
+    m = Measurements(F, covariance=COVARIANCE, shapes=SHAPES)
+    frame = m.to_frame()
+    assert [*frame.columns] == ["mode", "f [Hz]", "sd [Hz]", "MPC"]
+    np.testing.assert_array_equal(frame["sd [Hz]"], np.sqrt(np.diag(COVARIANCE)))
+    assert "0.0316" in str(m) and "<td>0.0316</td>" in m._repr_html_()

@@ -60,6 +60,15 @@ def test_functions_of_parameters_multiply_matrices(kind):
     assert_jacobian(plate(kind, shapes=[2, 7]), arrays(AT))
 
 
+def test_slopes_of_polynomials_up_to_degree_four_are_exact():
+    powers = {str(p): (MASS, lambda x, p=p: x**p) for p in (1, 2, 3, 4)}
+    model = ef.MatrixModel(MASS, MASS, powers, n_modes=1)
+    x = np.array([-2.0, 0.0, 3e-7, 1e9])
+    (slopes, _) = model.coefficients.slopes({"x": x})["x"]
+    exact = np.array([p * x ** (p - 1) for p in (1, 2, 3, 4)]).T
+    np.testing.assert_allclose(slopes, exact, rtol=1e-11, atol=1e-11)
+
+
 def test_static_models_take_them():
     K = {"bending": (BENDING, bending), "k": SUPPORT}
     static = ef.StaticModel(0 * MASS, {"tip": {N - 1: 1.0}}, K)
@@ -71,6 +80,28 @@ def test_static_models_take_them():
     exact = np.linalg.inv(stiffness)[:, :, -1]
     np.testing.assert_allclose(static(at)["displacement"][:, 0], exact, rtol=1e-8)
     assert_jacobian(static, at)
+
+
+@pytest.mark.filterwarnings("ignore:the reduction does not pay")  # of 12 DOFs
+def test_reduced_models_take_them():
+    full = plate(sparse.csc_array, shapes=[3])
+    bounds = {name: (0.4, 2.2) for name in full.names}
+    reduced = ef.reduce_model(full, bounds, 1e-6, test_points=6)
+    expected = full(arrays(AT)).frequencies
+    np.testing.assert_allclose(reduced(AT).frequencies, expected, rtol=1e-6)
+    assert_jacobian(reduced, arrays(AT))
+
+
+def test_the_flexibility_of_frfs_takes_them():
+    options = {"damping": 0.01, "residual": True}
+    frf = ef.frf.FRFModel(plate(shapes=True), [0.01, 0.02], [(2, 5)], **options)
+    first = {name: value[:1] for name, value in AT.items()}
+    E, t, rho, k = (value[0] for value in AT.values())
+    K = E * t**3 * BENDING + E * t * MEMBRANE + k * SUPPORT
+    summed = ef.MatrixModel(K, rho * t * MASS, {}, n_modes=3, shapes=True)
+    whole = ef.frf.FRFModel(summed, [0.01, 0.02], [(2, 5)], **options)
+    H = frf(arrays(first))["receptance"]
+    np.testing.assert_allclose(H, whole({})["receptance"], rtol=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -3,13 +3,17 @@
 import numpy as np
 import pytest
 from scipy import sparse
-from support.exports import cantilever
+from support.exports import cantilever, write_calculix
 
 import emcee_femu as ef
 
 PLAIN = cantilever()[:2]
 # Of frequencies: eigenvalues round by 1e-16 of the largest, 1e7 of the lowest.
 ROUNDING = 1e-7
+
+
+def read(folder, **factors):
+    return ef.read_matrices(write_calculix(folder, *cantilever(**factors)))
 
 
 def build(changes, base=PLAIN, **given):
@@ -31,6 +35,19 @@ def test_the_parts_of_a_beam_of_two_halves(kind):
     frequencies = model({"left": [0.7], "mass": [1.3]}).frequencies
     other = ef.MatrixModel(cantilever(left=0.7)[0], 1.3 * PLAIN[1], {}, n_modes=3)
     np.testing.assert_allclose(frequencies, other({}).frequencies, rtol=ROUNDING)
+
+
+def test_values_are_those_of_the_parameters(tmp_path):
+    E = 2.1e11
+    base, soft = read(tmp_path), read(tmp_path, left=0.5)
+    stiff = read(tmp_path, left=1.7)
+    model = build({"E": {0.5 * E: soft, 1.7 * E: stiff}}, base, at={"E": E})
+    other = ef.MatrixModel(*cantilever(left=1.2)[:2], {}, n_modes=3)
+    frequencies = model({"E": [1.2 * E]}).frequencies
+    np.testing.assert_allclose(frequencies, other({}).frequencies, rtol=ROUNDING)
+    # The half that stands alone has no entries elsewhere: what rounding left is gone.
+    rows = model.K["E"].nonzero()[0]
+    assert rows.max() == base.dofs("19:ry") and model.M == {}
 
 
 def test_exports_show_which_powers_of_a_parameter_there_are():
@@ -66,3 +83,12 @@ def test_a_parameter_of_which_a_matrix_is_no_polynomial_is_refused():
     roots = {t: t**0.5 * K for t in (0.25, 0.5, 1.5, 2.0, 3.0)}
     with pytest.raises(ValueError, match=r"changes\['t'\]: K "):
         build({"t": roots})
+
+
+def test_exports_of_another_mesh_are_refused(tmp_path):
+    base = read(tmp_path)
+    K, M, dofs = cantilever(left=2.0)
+    dofs[:, 0] += 1
+    other = ef.read_matrices(write_calculix(tmp_path, K, M, dofs))
+    with pytest.raises(ValueError, match=r"a'\]\[2\.0\]: .*nodes and directions of"):
+        build({"a": {2.0: other}}, base)

@@ -36,6 +36,25 @@ def test_a_frame_knows_its_nodes_and_elements():
     assert node == 2 and along.tolist() == [0.0, 1.0, 0.0]
 
 
+@pytest.mark.filterwarnings("ignore:the reduction does not pay")
+def test_what_is_made_of_exports_has_the_geometry_of_the_base(exported):
+    base, make = exported(), ef.MatrixModel.from_differences
+    dofs = ["0:ux", "1:ux"]
+    options = {"n_modes": 1, "shapes": base.sensors(dofs)}
+    model = make(base, {"k": {2.0: exported(2.0)}}, **options)
+    assert model.geometry is base.geometry
+    assert isinstance(model.K0, np.ndarray) == (base.size < 200)
+    measured = ef.Measurements([0.2], shapes=[[0.5], [1.0]], dofs=dofs)
+    assert ef.PairedModel(model, measured, candidates=1).geometry is base.geometry
+    small = ef.reduce_model(model, {"k": (0.5, 2.0)}, test_points=2)
+    assert small.geometry is base.geometry
+    pair = make((base.K, base.M), {"k": {2.0: (2 * base.K, base.M)}}, n_modes=1)
+    plain = ef.MatrixModel(base.K, base.M, {}, n_modes=1)
+    unknown = ef.FunctionModel(lambda p: ef.ModalSolution(np.ones(1), np.ones((2, 1))))
+    around = ef.PairedModel(unknown, measured, candidates=1)
+    assert pair.geometry is plain.geometry is around.geometry is None
+
+
 def test_DOFs_without_mass_are_left_to_the_sparse_solver(exported):
     base, K = exported(massless=1), exported().K.toarray()
     doubled = {"k": {2.0: exported(2.0, massless=1)}}

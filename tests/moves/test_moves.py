@@ -108,6 +108,13 @@ def test_a_move_that_does_not_fit_is_refused_before_a_solve(move, shape, error, 
         sampler.run_mcmc(emcee.State(start, log_prob=np.zeros(len(start))), 1)
 
 
+def test_integer_starts_are_refused_instead_of_truncated():
+    start = np.random.default_rng(0).integers(0, 9, (10, 3))
+    sampler = emcee.EnsembleSampler(10, 3, log_prob, moves=DEMCMove())
+    with pytest.raises(TypeError, match="float"):
+        sampler.run_mcmc(start, 1)
+
+
 def test_walkers_at_minus_infinity_move_as_soon_as_they_can():
     def half(theta):
         return np.where(theta[:, 0] > 0, log_prob(theta), -np.inf)

@@ -6,12 +6,15 @@ from concurrent.futures import ThreadPoolExecutor
 import emcee
 import numpy as np
 import pytest
+from scipy import stats
 from support.archive import (
     ArchiveMove,
     Forgetful,
     GuidedByThePast,
     GuidedByWhatIsKept,
+    Impatient,
 )
+from support.free_posterior import box, free_posterior
 from support.stored import bits, posed, sampled
 
 import emcee_femu as ef
@@ -38,6 +41,7 @@ REMEMBERING = {  # they say what
 FORGETFUL = {  # they do not
     "archive": Forgetful(),
     "beside another": [(ef.DEMCMove(), 0.5), (Forgetful(), 0.5)],
+    "factor": Impatient(),
     "inner": GuidedByThePast(),
     "screened": Delayed(GuidedByThePast(), cheap),
     "at powers": tempered(GuidedByThePast()),
@@ -93,7 +97,7 @@ def test_a_resumed_run_is_that_of_a_move_that_was_never_stopped(path, move):
 
 @pytest.mark.parametrize("move", FORGETFUL.values())
 def test_memory_that_a_file_would_lose_is_refused_by_name(path, move):
-    name = "Forgetful|GuidedByThePast|GaussianMove"
+    name = "Forgetful|Impatient|GuidedByThePast|GaussianMove"
     with pytest.raises(ValueError, match=rf"moves: .*({name})"):
         sampled(path, moves=move, steps=40)
 
@@ -105,6 +109,43 @@ def test_memory_that_a_stored_step_does_not_need_is_not_refused(path, kept):
     whole = bits(sampled(None, steps=6, **options))
     sampled(path, steps=3, **options)
     assert bits(sampled(path, steps=6, **options)) == whole
+
+
+OWN = {
+    "DE-MC": [(ef.DEMCMove(nsplits=4, mode_jump=0.3), 0.5),
+              (ef.MetropolisMove(sd=20.0), 0.5)],
+    "mixture": ef.IndependenceMove(
+        [0.5, 0.5], [[3000.0] * 5] * 2, [2e6 * np.eye(5)] * 2
+    ),
+    "Hamiltonian": ef.moves.HamiltonianMove(steps=3),
+    "screened": Delayed(ef.DEMCMove(), lambda x: -1e-8 * (x**2).sum(axis=1), (1, 5)),
+    "at powers": tempered(ef.DEMCMove()),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("move", OWN.values(), ids=OWN)
+def test_the_packages_own_moves_remember_nothing_that_decides(path, move):
+    posterior = ef.paper.mass_spring().posterior
+    options = {"nwalkers": 24, "ensembles": 2, "seed": 1}
+
+    def chains(steps, **more):
+        samplers = ef.run(posterior, move, steps=steps, **options, **more)
+        return [sampler.get_chain() for sampler in samplers]
+
+    whole = chains(8)
+    chains(3, backend=path)
+    np.testing.assert_array_equal(chains(8, backend=path, resume=True), whole)
+    assert np.ptp(whole, axis=1).any()
+
+
+def test_the_archive_of_every_ensemble_gives_the_law():
+    posterior = free_posterior(cheap, box(-8, 8, 2))
+    samplers = ef.run(posterior, ArchiveMove(10), 10, 150, ensembles=12, seed=1)
+    x = np.stack([s.get_chain(discard=50, flat=True) for s in samplers])
+    for values, expected in ((x, 0.0), (x**2, 1.0)):
+        means = values.mean(axis=1)
+        z = stats.ttest_1samp(means, expected).pvalue
+        assert (z > 1e-5).all()
 
 
 def test_counts_are_those_of_the_first_ensemble_and_the_given_move_stays_as_it_was():

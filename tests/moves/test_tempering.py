@@ -127,6 +127,18 @@ def test_stored_rows_are_the_posteriors_own_and_a_resumed_run_goes_on(tmp_path):
     assert_array_equal(everything(resumed), stored)
 
 
+def test_conversion_tables_and_diagnosis_use_the_cold_walkers_alone():
+    runs = sampled(steps=40, ensembles=2)
+    idata = ef.to_inference_data(runs, PROBLEM.posterior, discard=8)
+    cold = np.stack([run.get_chain(discard=8)[:, :12, 0] for run in runs])
+    k1 = np.asarray(idata.posterior["k1"])
+    assert_array_equal(k1, cold.transpose(0, 2, 1).reshape(24, 32))
+    assert "k1" in str(ef.parameter_table(idata))
+    values = ef.diagnose(runs, discard=8)
+    assert_array_equal(values.acceptance, [r.acceptance_fraction[:12] for r in runs])
+    assert all(walker < 12 for _, walker in values.stuck)
+
+
 OTHER = ef.moves.TemperedMove(DEMCMove(mode_jump=1.0), [1, 0.3, 0])
 
 

@@ -153,6 +153,14 @@ def test_a_function_of_unknown_n_modes_stores_those_of_the_terms(n_modes, stored
     assert_allclose(ef.LogPosterior(model, ONE, PRIOR)(INSIDE)[3:], stored)
 
 
+@pytest.mark.parametrize("frequencies", [[1.0, 2.0], [[1.0, 2.0]] * 2])
+def test_a_model_that_returns_a_wrong_shape_is_refused(frequencies):
+    solution = ef.ModalSolution(np.array(frequencies))
+    posterior = ef.LogPosterior(lambda parameters: solution, TERM, PRIOR)
+    with pytest.raises(ValueError, match="model"):
+        posterior([INSIDE] * 3)
+
+
 def test_starts_are_draws_of_the_prior_and_repeat_with_their_seed():
     posterior = ef.LogPosterior(Linear(), TERM, PRIOR)
     first, again, other = (posterior.start(500, seed) for seed in (3, 3, 4))

@@ -86,3 +86,30 @@ def test_a_term_names_what_the_response_lacks(variables, term, named):
     model = ef.FunctionModel(lambda p: p["EI"], variables=variables)
     with pytest.raises(ValueError, match=named):
         ef.LogPosterior(model, term, prior)
+
+
+def posterior_of(names=("w",), dims=("x",), term="gauges", parameter="EI"):
+    variables = {name: ef.Variable(dict.fromkeys(dims, [1, 2])) for name in names}
+
+    def compare(parameters, response):
+        return np.zeros(len(parameters[parameter]))
+
+    compare.name = term
+    model = ef.FunctionModel(lambda p: np.ones(2), variables=variables)
+    return ef.LogPosterior(model, compare, ef.IndependentPrior({parameter: (1, 2)}))
+
+
+@pytest.mark.parametrize(
+    ("changed", "argument"),
+    [
+        ({"parameter": "E/rho"}, "prior"),
+        ({"parameter": "x"}, "model"),
+        ({"names": ["chain"]}, "model"),
+        ({"dims": ["step"]}, "model"),
+        ({"term": "draw"}, "terms"),
+    ],
+)
+def test_names_that_arviz_has_no_place_for_are_refused(changed, argument):
+    assert posterior_of()([1.5]).shape == (5,)
+    with pytest.raises(ValueError, match=f"^{argument}: "):
+        posterior_of(**changed)

@@ -3,12 +3,14 @@
 import hashlib
 import html
 import re
+import sys
 
 import arviz
 import emcee
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
+from numpy.testing import assert_allclose
 from scipy import stats
 
 import emcee_femu as ef
@@ -117,43 +119,109 @@ def test_a_run_without_pairing_has_no_mode_shapes_and_its_call_repeats_the_repor
     assert day.sub("", again) == day.sub("", page)
 
 
+def test_each_experiment_of_a_joint_posterior_has_its_tables_and_terms(tmp_path):
+    loaded = ef.FunctionModel(lambda p: [(p["k"] / 2) ** 0.5], n_modes=1)
+    half = ef.FrequencyTerm([2.1], relative_sd=0.01)
+    tests = {"empty": (ROOT, TERM), "loaded": (loaded, half)}
+    run = sample(ef.LogPosterior.joint(tests, NORMAL))
+    text = said(write(tmp_path, run))
+    for name in tests:
+        assert ef.frequency_table(run, experiment=name).title in text
+        assert f"{name}.frequency" in text and f"Model of {name}" in text
+        assert ef.figures.plot_predictive(run, experiment=name).axes
+        plt.close("all")
+    with pytest.raises(ValueError, match="experiment: 'other'.*empty.frequency"):
+        ef.figures.plot_predictive(run, experiment="other")
+
+
+def test_the_first_page_has_ones_own_words_and_derived_quantities(plain, tmp_path):
+    text = {"author": "A. <B>", "structure": "a mast", "question": "is it soft"}
+    text |= {"conclusion": "it is", "project": "bridge 7", "date": "in May"}
+    derived = {"fall": (lambda p: 100 * (1 - p["k"] / 12), "%")}
+    page = write(tmp_path, plain, text=text, derived=derived)
+    titles = re.findall("<h2>(.*?)</h2>", page)
+    assert titles[: len(FIRST)] == FIRST
+    first = said(page).partition(titles[len(FIRST)])[0]
+    three = ef.diagnose(plain)
+    facts = [*text.values(), *(s.sentence for s in (three.chains, three.search))]
+    assert [fact for fact in facts if fact not in first] == []
+    k = ef.to_inference_data(plain)["posterior"]["k"].values.ravel()
+    fall = 100 * (1 - k / 12)
+    ends = fall.mean(), *np.quantile(fall, [0.025, 0.975])
+    assert f"fall % {' '.join(f'{x:.4g}' for x in ends)}" in first
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "named"),
+    [
+        ({"text": {"auther": "A"}}, ValueError, "text.*'auther'"),
+        ({"text": {"author": 3}}, TypeError, r"text\['author'\].*3"),
+        ({"derived": {"fall": np.log}}, TypeError, r"derived\['fall'\]"),
+        ({"derived": {"fall": (3, "%")}}, TypeError, r"derived\['fall'\]"),
+        ({"derived": {"a": (lambda p: p["k"][:3], "")}}, ValueError, r"derived\['a'\]"),
+    ],
+)
+def test_words_and_quantities_that_cannot_be_shown_are_refused(
+    options, error, named, plain, tmp_path
+):
+    with pytest.raises(error, match=named):
+        ef.report(plain, tmp_path / "report.html", **options)
+
+
+def test_priors_are_told_by_their_mean_and_interval(run, tmp_path):
+    """Of a normal prior they are known."""
+    text = said(write(tmp_path, run)).partition("Parameters before the test")[2]
+    cells = text.partition("k1 N/m ")[2].split()
+    expected = stats.norm(12, 3).ppf([0.025, 0.975])
+    assert_allclose([float(x) for x in cells[1:3]], expected, rtol=0.03)
+
+
 def test_samples_say_what_they_do_not_know(plain, tmp_path):
-    """Of a file, with and without the posterior."""
+    """Of a file, with and without the posterior, and of plain emcee."""
     ef.to_inference_data(plain).to_netcdf(tmp_path / "run.nc")
     idata = arviz.from_netcdf(tmp_path / "run.nc")
     text = said(write(tmp_path, idata))
     assert f"{plain.solves:,} times" in text and "do not know" in text
     text = said(write(tmp_path, idata, posterior=PLAIN))
     assert "do not know" not in text and text.endswith("posterior=posterior)")
+    sampler = emcee.EnsembleSampler(8, 2, lambda x: -0.5 * float(x @ x))
+    sampler.run_mcmc(np.random.default_rng(1).normal(size=(8, 2)), 60)
+    assert headings(write(tmp_path, sampler)) == {*ALWAYS, "Correlations"}
 
 
-def test_a_certificate_says_which_solves_were_full(tmp_path):
-    near = ef.FunctionModel(lambda p: [3.01 + (p["k"] - 9) / 6], n_modes=1)
+@pytest.mark.parametrize(("off", "short"), [(0.0, "certified"), (0.01, "corrected")])
+def test_a_certificate_says_which_solves_were_full(off, short, tmp_path):
+    near = ef.FunctionModel(lambda p: [3 + off + (p["k"] - 9) / 6], n_modes=1)
     emulated = ef.LogPosterior(near, TERM, NORMAL)
     run = ef.run(emulated, ef.DEMCMove(), 20, 300, ensembles=1, seed=1)
     sealed = ef.certify(ef.to_inference_data(run, discard=100), PLAIN, 100, seed=2)
-    assert sealed.short == "corrected"
+    assert sealed.short == short
     page = write(tmp_path, sealed)
     assert sealed.verdict in said(page) and str(sealed.solves) in said(page)
-    assert f"{run.solves:,} times" not in said(page)
+    assert (f"{run.solves:,} times" in said(page)) == (short == "certified")
     assert ef.parameter_table(sealed.idata)._repr_html_() in page
 
 
-def test_an_annealed_population_says_what_it_was_made_of(tmp_path):
-    annealed = ef.anneal(PLAIN, 60, seed=1)
+def test_populations_are_reported_with_what_they_were_made_of(plain, tmp_path):
+    annealed = ef.anneal(PLAIN, 200, seed=1)
     text = said(write(tmp_path, annealed, posterior=PLAIN))
-    assert f"{annealed.solves:,} times" in text and "60 draws" in text
-
-
-@pytest.mark.slow
-def test_pooled_tests_are_reported_with_their_population(plain, tmp_path):
-    """The law of a report of several runs; pooling them takes ten seconds."""
+    assert f"{annealed.solves:,} times" in text and "200 draws" in text
     idata = ef.to_inference_data(plain)
     normal, tests = ef.population.NormalPopulation(["k"]), {"May": idata, "June": idata}
     pooled = ef.pool_tests(tests, normal, seed=1, steps=50, ensembles=1, draws=100)
     page = write(tmp_path, pooled)
     assert pooled._repr_html_() in page and "The population" in headings(page)
     assert "May, June" in said(page)
+
+
+@pytest.mark.slow
+def test_an_emulated_model_says_what_it_was_made_of(tmp_path):
+    """An emulator takes seconds."""
+    emulated = ef.emulate(PLAIN, 8, seed=1)
+    run = sample(emulated.posterior)
+    text = said(write(tmp_path, run))
+    assert f"{emulated.solves} full solves" in text
+    assert f"emulated model was solved {run.solves:,} times" in text
 
 
 def deflection(p):
@@ -177,3 +245,9 @@ def test_each_term_is_described_by_its_formula(model, term, words, tmp_path):
     page = write(tmp_path, sample(ef.LogPosterior(model, term, NORMAL)))
     assert words in said(page).partition("of the likelihood:")[2].partition("Solves")[0]
     assert page.count("<tr>") < 40  # many values are counted and not listed
+
+
+def test_without_jinja_the_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "jinja2", None)
+    with pytest.raises(ImportError, match=r"emcee_femu\[report\]"):
+        ef.report(None, tmp_path / "report.html")

@@ -82,9 +82,8 @@ def test_independent_draws_of_a_known_ladder_give_its_evidence():
     assert 0.8 < errors[1] / alone < 1.6
 
 
-@pytest.mark.slow
 def test_the_error_is_the_spread_also_of_few_ensembles():
-    """The law of errors: the larger of two would be 1.25 times too large with two."""
+    """The larger of two errors would be 1.25 times too large with two ensembles."""
     found = [
         ef.log_evidence([ladder(independent(120, (k, e))) for e in range(2)])
         for k in range(60)
@@ -126,7 +125,6 @@ def half_solvable(parameters):
 
 @pytest.mark.slow
 def test_the_evidence_is_that_of_the_prior_where_it_can_be_solved():
-    """The law of failures: the prior is renormalised to where solves succeed."""
     law, model = LAWS["bounded"], ef.FunctionModel(half_solvable, n_modes=1)
     posterior = ef.LogPosterior(model, law.term, law.posterior.prior)
     reject = {"on_failure": "reject", "max_failures": 0.9}
@@ -136,6 +134,16 @@ def test_the_evidence_is_that_of_the_prior_where_it_can_be_solved():
     assert found.log_evidence_error < 0.1
     assert abs(found.log_evidence - inside) < 4 * found.log_evidence_error
     assert found.failed_solves == runs.failures.causes.total() > 0
+
+
+def test_what_anneal_returns_and_the_name_of_a_file_are_taken(tmp_path):
+    annealed = ef.anneal(LAWS["gaussian"].posterior, 100, seed=1)
+    found = ef.log_evidence(annealed)
+    assert found.log_evidence == annealed.log_evidence
+    assert found.log_evidence_error == annealed.log_evidence_error
+    file = tmp_path / "run.chain"
+    run = tempered(LAWS["bounded"].posterior, 10, 20, 3, backend=file)
+    assert ef.log_evidence(file).log_evidence == ef.log_evidence(run).log_evidence
 
 
 NORMAL = np.random.default_rng(4).normal(size=(10, 6))

@@ -146,6 +146,17 @@ def test_errors_have_no_sensitivities_and_are_named_far_above_their_mean(shift, 
     assert any(t.startswith("x is inferred 2.9") for t in found.findings) == named
 
 
+@pytest.mark.parametrize("is_error", [True, False])
+def test_what_is_pressed_is_said_first_and_errors_may_be_small(is_error):
+    z = exact_draws(np.diag([1.0, 0.3, 0.01]) ** 2)
+    z[..., 2] = np.abs(z[..., 2])
+    lower, which = [-9e9, -9e9, 0.0], [False, False, is_error]
+    idata = made(z, linear_frequencies(z), lower=lower, is_error=which)
+    *pressed, last = ef.identifiability(idata).findings
+    assert last.startswith("The data leave stiff")
+    assert ["x is pressed" in text for text in pressed] == [True] * (not is_error)
+
+
 def test_where_little_is_informed_the_known_combinations_are_named():
     """Two frequencies see (3 a + 4 b) / 5 and f of six parameters, no pair alone."""
     names = tuple("abcdef")

@@ -1,5 +1,7 @@
 """The ArviZ object of a run: every number, where it came from, files and tables."""
 
+import tracemalloc
+import warnings
 from importlib.metadata import version
 from itertools import product
 
@@ -8,6 +10,7 @@ import emcee
 import numpy as np
 import pytest
 import xarray
+from matplotlib import pyplot as plt
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from support.chains import dataset
@@ -112,9 +115,10 @@ def test_groups_their_data_and_how_they_were_made(idata):
     for group, (names, sizes) in expected.items():
         found = dataset(idata, group)
         assert (list(found.data_vars), dict(found.sizes)) == (names, sizes)
-    attrs = dataset(idata, "posterior").attrs
-    assert (attrs["discard"], attrs["thin"]) == (4, 1)
-    assert attrs["emcee_femu_version"] == version("emcee-femu")
+    for group in GROUPS:
+        attrs = dataset(idata, group).attrs
+        assert (attrs["discard"], attrs["thin"]) == (4, 1)
+        assert attrs["emcee_femu_version"] == version("emcee-femu")
     assert dataset(idata, "observed_data")["frequency"].values.tolist() == MEASURED
     constants = dataset(idata, "constant_data")
     assert constants.parameter.values.tolist() == NAMES
@@ -125,6 +129,7 @@ def test_groups_their_data_and_how_they_were_made(idata):
     assert_allclose(constants["prior_sd"], cut, rtol=0.02)  # 4 Monte Carlo errors
     expected = [10, 25.1, 60, 100]
     assert_allclose(constants["initial_frequency"], expected, rtol=1e-12)
+    attrs = dataset(idata, "posterior").attrs
     first, second = attrs["moves"].split("; ")
     assert first.startswith("0.75 x DEMCMove(") and attrs["seed"] == "7"
     assert second.startswith("0.25 x MetropolisMove(") and attrs["sampled"] == NAMES
@@ -169,13 +174,32 @@ def test_a_plain_emcee_sampler_and_its_backend_are_converted():
     plain.run_mcmc(POSTERIOR.start(WALKERS, seed=1), 6)
     for source in (plain, plain.backend):
         assert_is_the_chain(ef.to_inference_data(source, POSTERIOR), [plain])
-    named = ef.to_inference_data(plain.backend, names=NAMES)
-    assert dataset(named, "posterior").attrs["sampled"] == NAMES
     attrs = dataset(ef.to_inference_data(plain), "posterior").attrs
     assert attrs["seed"].startswith("unknown")
     assert attrs["moves"].startswith("1 x StretchMove(")
+
+
+def test_arviz_judges_and_plots_the_result(idata):
+    assert list(az.summary(idata).index) == NAMES
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # 600 draws of a short chain
+        ranking = az.compare({"one": idata, "other": idata})
+        assert az.loo(idata).n_data_points == len(DATA) and len(ranking) == 2
+    az.plot_trace(idata, var_names=NAMES[:2])
+    assert plt.get_fignums()
+
+
+@pytest.mark.parametrize("plain", [True, False])
+def test_parameters_of_a_plain_sampler_are_named(plain):
+    sampler = emcee.EnsembleSampler(8, 2, lambda x: -0.5 * float(x @ x))
+    sampler.run_mcmc(np.random.default_rng(1).normal(size=(8, 2)), 10)
+    source = sampler if plain else sampler.backend
+    idata = ef.to_inference_data(source, discard=5, names=["k", "m"])
+    assert dataset(idata, "posterior").attrs["sampled"] == ["k", "m"]
+    expected = sampler.get_chain(discard=5)[:, 3, 1]
+    assert_array_equal(dataset(idata, "posterior")["m"].values[3], expected)
     with pytest.raises(ValueError, match="^names"):
-        ef.to_inference_data(named, names=NAMES)  # it has them already
+        ef.to_inference_data(idata, names=["k", "m"])  # it has them already
 
 
 def test_netcdf_round_trip_keeps_every_number_and_the_tables(idata, tmp_path):
@@ -221,6 +245,7 @@ STRUCTURED = [("step", float), ("twice", float, 2)]
 @pytest.mark.parametrize(
     ("function", "dtype", "names"),
     [  # what a function returns beside its log-probability
+        (lambda x: (x.sum(),), None, ["blob"]),
         (lambda x: (2 * x,), None, ["blob"]),
         (lambda x: (x.sum(), 2 * x), None, ["blob0", "blob1"]),
         (lambda x: (x.sum(), 2 * x), STRUCTURED, ["blob_step", "twice"]),
@@ -285,3 +310,45 @@ def test_terms_on_different_numbers_of_modes_stay_apart(terms, prefix):
     panels = ef.figures.plot_predictive(idata, target).axes
     ticks = [len(axes.get_xticks()) for axes in panels]
     assert ticks == [len(term.measured) for term in terms]
+
+
+def test_a_shape_term_may_compare_fewer_modes_than_are_paired():
+    measured = ef.Measurements([1.0, 2.0, 3.0], shapes=SHAPES[:, :3], dofs=range(5))
+    model = ef.PairedModel(Five(), measured, candidates=5)
+    posterior = ef.LogPosterior(model, ef.ShapeTerm(SHAPES[:, :2], delta=0.1), PRIOR)
+    run = ef.run(posterior, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
+    stored = dataset(ef.to_inference_data(run), "log_likelihood")
+    assert stored["mode"].values.tolist() == [1, 2]
+
+
+def peak_of(function, *arguments, **options):
+    """Return what a call adds to memory at most, in bytes, and its result."""
+    tracemalloc.start()
+    result = function(*arguments, **options)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak, result
+
+
+def model_of_twenty(parameters):
+    return ef.ModalSolution(np.arange(1, 21) + 0.01 * parameters["k"][:, None])
+
+
+TWENTY = ef.LogPosterior(
+    model_of_twenty, ef.FrequencyTerm(np.arange(1, 21), beta=1e2), PRIOR
+)
+
+
+def test_memory_stays_flat_while_a_file_grows_and_a_conversion_takes_little(tmp_path):
+    options, peaks = {"nwalkers": 128, "ensembles": 1, "seed": 1}, []
+    for steps in (2, 15, 50):  # the first one pays for imports
+        file, steps = tmp_path / f"{steps}.run", {"steps": steps}
+        move = ef.DEMCMove()
+        peak, run = peak_of(ef.run, TWENTY, move, **options, **steps, backend=file)
+        peaks.append(peak)
+    assert peaks[2] - peaks[1] < 0.1 * (50 - 15) * 128 * (1 + 1 + 2 + 20) * 8
+    ef.to_inference_data(run, discard=49)  # imports
+    least, _ = peak_of(ef.to_inference_data, run, discard=49)  # of the prior
+    peak, idata = peak_of(ef.to_inference_data, run)
+    kept = sum(dataset(idata, group).nbytes for group in ("posterior", "response"))
+    assert kept < peak < 1.5 * least + 10 * kept  # 5 times it with NumPy 2.4

@@ -85,6 +85,24 @@ def test_a_new_measurement_has_measurement_error_and_discrepancy():
     assert_allclose(middle, MEASURED, rtol=0, atol=0.02 * total.max())
 
 
+@pytest.mark.filterwarnings("ignore:model. the same response")
+def test_each_measurement_of_a_variable_has_its_rows_and_its_own_error():
+    errors, usual = {"first": 0.1, "again": 0.01}, posterior(beta=1.0)
+    terms = [
+        ef.FrequencyTerm(MEASURED, relative_sd=sd, name=name)
+        for name, sd in errors.items()
+    ]
+    target = ef.LogPosterior(usual.model, terms, usual.prior)
+    run = ef.run(target, ef.DEMCMove(), 8, 250, seed=1, ensembles=1)
+    table = ef.predictive_table(run)
+    names = ["frequency"] * 3 + ["frequency[again]"] * 3
+    rows = [f"{name}[{i}] Hz" for name, i in zip(names, [1, 2, 3] * 2, strict=True)]
+    assert table.column("quantity") == rows
+    sd = np.outer(list(errors.values()), MEASURED).ravel()
+    assert_allclose(table.column("sd"), sd, rtol=1e-12)
+    assert_allclose(widths(table), WIDTH * sd, rtol=0.15)
+
+
 class Deflection:
     """A user's term: millimetres at two of three points, with an error of 0.1."""
 
@@ -152,6 +170,41 @@ def test_pairing_table_equals_numbers_by_hand():
     assert "40 % of 10 samples" in table.title
     with pytest.raises(ValueError, match="PairedModel"):
         ef.pairing_table(made(np.ones((1, 4, 3))))
+
+
+class Crossing:
+    """Two perpendicular vibrations; which one is lower depends on the parameter."""
+
+    variables = ef.modal_variables(2, dofs=[1, 2])
+    names = ("ratio",)
+
+    def __call__(self, parameters):
+        ratio = parameters["ratio"]
+        first, second = np.full_like(ratio, 10.0), 10 * ratio
+        swapped = (second < first)[:, None, None]
+        shapes = np.where(swapped, [[0.0, 1.0], [1.0, 0.0]], np.eye(2))
+        return ef.ModalSolution(np.sort([first, second], axis=0).T, shapes)
+
+
+def test_tables_of_a_sampled_paired_model_report_its_crossings():
+    measured = ef.Measurements([10.0, 10.1], sd=[0.1, 0.2], shapes=np.eye(2))
+    model = ef.PairedModel(Crossing(), measured, candidates=2, min_gap=0.0)
+    prior = ef.GaussianPrior(["ratio"], [1.0], [0.1], [(0.5, 1.5)])
+    target = ef.LogPosterior(model, ef.FrequencyTerm(measured), prior)
+    runs = ef.run(target, ef.DEMCMove(), 20, 600, ensembles=1, seed=1)
+    idata = ef.to_inference_data(runs, target, discard=100)
+    # ratio ~ N(1, 0.1) and 10 ratio ~ N(10.1, 0.2): conjugate, beyond the bounds nil.
+    precision = 0.1**-2 + 0.02**-2
+    mean, sd = (1.0 * 0.1**-2 + 1.01 * 0.02**-2) / precision, precision**-0.5
+    share = 100 * stats.norm.cdf((1.0 - mean) / sd)
+    table = ef.pairing_table(idata)
+    assert table.column("model's mode") == ["1", "2", ""]
+    assert_allclose(table.column("another in %"), share, atol=4)
+    assert_allclose(table.column("MAC")[:2], 1.0, rtol=1e-12)
+    predictions = ef.predictive_table(idata, target)
+    assert_allclose(predictions.column("sd Hz"), [0.1, 0.2], rtol=1e-9)
+    total = np.array([0.1, np.hypot(10 * sd, 0.2)])
+    assert_allclose(widths(predictions), WIDTH * total, rtol=0.07)
 
 
 def test_another_posterior_is_refused():

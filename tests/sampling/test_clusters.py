@@ -1,4 +1,4 @@
-"""Clusters: MPI, dask and ray give the serial chain, and name what fails."""
+"""Clusters: MPI, dask, ray and loky give the serial chain, and name what fails."""
 
 import contextlib
 import os
@@ -17,7 +17,7 @@ from support.systems import KILL
 
 from emcee_femu import EvaluationPool
 
-pytestmark = pytest.mark.slow  # the law that a cluster gives the serial chain
+pytestmark = pytest.mark.slow
 
 
 def chain(pool=None):
@@ -132,3 +132,14 @@ def test_a_pool_of_ray_gives_the_serial_chain(monkeypatch, found_by_workers):
             EvaluationPool(pool).map(POSTERIOR, START)
     finally:
         ray.shutdown()
+
+
+# --- loky -------------------------------------------------------------------------
+
+
+def test_loky_gives_the_serial_chain(found_by_workers):
+    loky = pytest.importorskip("loky", reason="loky is not installed")
+    with loky.ProcessPoolExecutor(2) as executor:
+        gives_the_chain_and_names_errors(executor)
+        with pytest.raises(RuntimeError, match="^pool: .*a worker died"):
+            run(pool_problems.killed, pool=executor)

@@ -89,3 +89,24 @@ def test_a_long_run_is_warned_of_before_the_search(monkeypatch):
     monkeypatch.setattr(module, "LONG_RUN", 1e-6)
     with pytest.warns(UserWarning, match="hours"):
         run(steps=2)
+
+
+def test_a_search_that_was_stopped_goes_on_with_the_budget_that_it_had(
+    tmp_path, monkeypatch
+):
+    import emcee_femu.sampling.run as module
+
+    budgets = []
+
+    def stop(*arguments):
+        budgets.append(arguments[5])
+        raise RuntimeError("stopped")
+
+    monkeypatch.setattr(module, "search_and_start", stop)
+    for solves in (20_000, 100_000):
+        with pytest.raises(RuntimeError, match="stopped"):
+            ef.run(
+                POSTERIOR, seed=1, solves=solves, resume=True,
+                backend=str(tmp_path / "run.chain"),
+            )  # fmt: skip
+    assert budgets == [10_000, 10_000]

@@ -167,3 +167,12 @@ def test_starts_are_drawn_from_the_prior_where_it_can_be_solved():
         assert_array_equal(starts[kept], before[kept])
     total, causes = failures(samplers)
     assert total > 2 * 200 and {*causes} == {"exception", "not finite"}
+
+
+def test_a_start_of_zero_probability_is_refused():
+    def term(parameters, modes):
+        return np.where(parameters["a"] > 0, 0.0, -np.inf)
+
+    model = ef.FunctionModel(solves, n_modes=2)
+    with pytest.raises(ValueError, match="walker .* -inf"):
+        run(ef.LogPosterior(model, term, PRIOR), nwalkers=16, starts=INSIDE)

@@ -4,6 +4,7 @@ Nothing here knows the format of a file: chains, searches of "auto", annealings 
 emulations are begun, spoiled and gone on with by public functions only.
 """
 
+import importlib.metadata
 import json
 import os
 import random
@@ -28,6 +29,7 @@ from support.stored import (
     Gaussian,
     annealed,
     bits,
+    emulated,
     posed,
     sampled,
 )
@@ -35,7 +37,7 @@ from support.systems import inherits, posix
 
 import emcee_femu as ef
 
-SLOW = pytest.mark.slow  # the same laws, of what is fitted anew or killed
+SLOW = pytest.mark.slow
 PROBE = 16  # stored points that are solved again, at most
 INSIDE = ["chain", "tempered", "auto", "anneal"]  # that count in this process
 FITTED = pytest.param("emulate", marks=SLOW)  # anew after each batch: 10 s each
@@ -202,6 +204,14 @@ def test_another_file_is_left_as_it_is_and_none_gone_on_with_unasked(whole, path
         assert path.read_bytes() == content and COUNT["calls"] == 0
 
 
+def test_a_search_that_was_stopped_is_not_gone_on_with_unasked(path):
+    attempt("auto", path, stop=20)
+    with pytest.raises(ValueError, match="run.stored.*resume"):
+        sampled(path, moves="auto", resume=False)
+    with pytest.raises(ValueError, match="seed: was 1, is 2"):
+        sampled(path, moves="auto", seed=2)
+
+
 @posix
 def test_of_two_runs_that_write_to_one_file_one_is_refused(path, count):
     outcome = []
@@ -254,6 +264,11 @@ LAWS = {"a": stats.norm(0, 1), "b": stats.uniform(-3, 6)}
 STARTS = [0.3 * posed().start(12, seed=seed) for seed in (1, 2)]
 
 
+def with_prior(sd=1.0, bounds=((-4.0, 4.0),) * 2):
+    prior = ef.GaussianPrior(["a", "b"], [0.0, 0.0], sd, bounds)
+    return {"posterior": posed(prior=prior)}
+
+
 def with_laws(**laws):
     return {"posterior": posed(prior=ef.IndependentPrior(LAWS | laws))}
 
@@ -264,15 +279,29 @@ def with_covariance(off):
     return {"posterior": posed(term=term, model=model)}
 
 
-def with_moves(share=0.9):
-    return {"moves": [(ef.DEMCMove(), share), (ef.DEMCMove(sigma=0.1), 1 - share)]}
+def with_moves(share=0.9, **options):
+    stretch = emcee.moves.StretchMove(**options)
+    return {"moves": [(ef.DEMCMove(), share), (stretch, 1 - share)]}
+
+
+def strain(parameters, response):
+    """The term, of which nobody knows what was measured."""
+    return Gaussian()(parameters, response)
 
 
 CHANGES = {  # what was run, what is asked for, and what the message names
     "data": ({}, {"posterior": posed(Gaussian(DATA + [0, 0, 0.01]))}, "strain.*0.31"),
+    "observed": (
+        {"posterior": posed(strain)},
+        {"posterior": posed()},
+        "strain.*absent",
+    ),
     "covariance": (with_covariance(0.1), with_covariance(-0.1), "frequency"),
+    "prior": ({}, with_prior(sd=1.01), "prior.*1.01"),
+    "bounds": ({}, with_prior(bounds=[(-4, 4), (-4, 5)]), "bounds.*b.*5"),
     "law": (with_laws(), with_laws(a=stats.norm(0, 2)), "prior.*norm.0, 2"),
     "moves": ({}, {"moves": ef.DEMCMove(sigma=0.1)}, "moves.*sigma.*0.1"),
+    "splits": (with_moves(), with_moves(nsplits=4), "nsplits.*4"),
     "weights": (with_moves(), with_moves(0.8), "0.8"),
     "auto": ({}, {"moves": "auto"}, "moves.*auto"),
     "seed": ({}, {"seed": 2}, "seed.*1.*2"),
@@ -298,6 +327,7 @@ def test_another_run_is_refused_by_every_entry_that_differs(path, what):
     [
         ("anneal", {"seed": 2}, "seed.*1.*2"),
         ("anneal", {"size": 100}, "size.*80.*100"),
+        ("anneal", {"posterior": posed(Gaussian(sd=0.2))}, "strain"),
         pytest.param("emulate", {"seed": 2}, "seed.*1.*2", marks=SLOW),
     ],
 )
@@ -337,6 +367,16 @@ def test_what_is_the_same_is_not_refused_though_it_counts_or_has_another_name(pa
     assert samplers[1].iteration == 3
     with pytest.raises(ValueError, match=r"moves: was .*a=2.0.* is .*a=3.0"):
         sampled(path, posterior, moves=Move(3.0), steps=4)
+
+
+def test_another_version_of_a_library_is_warned_of(path, monkeypatch):
+    sampled(path, steps=2)
+    kind = type(importlib.metadata.distribution("numpy"))
+    version = kind.version.fget
+    other = property(lambda d: "0" if d.name == "numpy" else version(d))
+    monkeypatch.setattr(kind, "version", other)
+    with pytest.warns(UserWarning, match="numpy.* is 0"):
+        sampled(path, steps=3)
 
 
 # --- another model -----------------------------------------------------------------
@@ -389,6 +429,19 @@ def test_a_changed_model_is_found_in_any_file(whole, path, count, kind):
     assert bits(KINDS[kind](path, probe_tolerance=10.0)) == whole(kind)[1]
 
 
+@SLOW
+def test_a_model_that_changed_at_one_of_few_stored_points_is_found(path, count):
+    """The probe has every point where there are but few, the last ones too."""
+    emulated(path, solves=12)
+
+    def change_one():
+        count["offset"] = 0.01 if count["calls"] == 7 else 0.0
+
+    count.update(calls=0, do=change_one)
+    with pytest.raises(ValueError, match="another posterior|not deterministic"):
+        emulated(path, solves=12)
+
+
 def test_a_solver_that_is_not_deterministic_is_told_apart(path):
     solved(path, steps=5, scatter=1e-3)
     with pytest.raises(ValueError, match="not deterministic: .*frequency"):
@@ -412,10 +465,13 @@ def test_the_counts_of_failures_and_their_limit_go_on_after_a_resume(path):
     assert ef.diagnose(samplers).failures == ef.diagnose(whole).failures
 
 
-def test_what_a_failure_stopped_goes_on_with_reject(path):
+@pytest.mark.parametrize("kind", [sampled, annealed])
+def test_what_a_failure_stopped_goes_on_with_reject(path, kind):
+    starts = np.random.default_rng(0).uniform(0.9, 1.0, (2, 12, 2))
+    options = {"starts": starts} if kind is sampled else {}
     with pytest.raises(ArithmeticError):
-        annealed(path, on_failure="raise")
-    assert bits(annealed(path)) == bits(annealed(None))
+        kind(path, on_failure="raise", **options)
+    assert bits(kind(path, **options)) == bits(kind(None, **options))
 
 
 def test_memory_does_not_hold_the_steps(path):

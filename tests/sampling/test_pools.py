@@ -36,7 +36,7 @@ from support.systems import KILL, inherits, need_start_method, posix
 import emcee_femu as ef
 from emcee_femu import EvaluationPool
 
-SLOW = pytest.mark.slow  # the same laws where processes start anew
+SLOW = pytest.mark.slow
 spawn = pytest.param("spawn", marks=SLOW)  # starts processes anew
 anew = [spawn, pytest.param("forkserver", marks=SLOW)]
 
@@ -143,8 +143,8 @@ def in_step(solver):
 def test_half_of_each_ensemble_is_on_the_pool_at_once():
     solver = InStep(parties=3 * 6 // 2, starts=1 + 3 * 6)  # one at the prior mean
     with ThreadPoolExecutor(9) as pool:
-        ef.run(in_step(solver), ef.DEMCMove(), 6, 2, ensembles=3, seed=1, pool=pool)
-    assert not solver.barrier.broken and len(solver.calls) == 1 + 3 * 6 * 3
+        ef.run(in_step(solver), ef.DEMCMove(), 6, 5, ensembles=3, seed=1, pool=pool)
+    assert not solver.barrier.broken and len(solver.calls) == 1 + 3 * 6 * 6
 
 
 def test_together_ensembles_are_what_they_are_one_after_another():
@@ -272,6 +272,24 @@ def test_an_error_of_the_solver_arrives_with_its_place_or_is_counted(name, fault
     assert failures(pooled)[1]["exception"] > 0
 
 
+@inherits
+@pytest.mark.parametrize("raised", [ArithmeticError, KeyboardInterrupt])
+def test_an_error_names_the_place_and_ends_solves_that_take_long(raised):
+    def solver(p):
+        if p["k"] == 1.0:
+            time.sleep(0.1)  # while the others have begun, or wait
+            raise raised("no licence")
+        time.sleep(2 * HANGS)
+
+    starts = np.full((64, 2), 0.9)
+    starts[0, 0] = 1.0
+    with pytest.raises((raised, RuntimeError)) as caught:
+        run(solver, posterior=posterior_of(solver), starts=starts, workers=2)
+    if raised is ArithmeticError:
+        assert "'k': 1.0" in "".join(caught.value.__notes__)
+    assert not multiprocessing.active_children()
+
+
 @forks
 def test_a_pool_that_waits_for_ever_for_the_dead_is_refused_with_a_remedy():
     need_start_method("fork")
@@ -282,6 +300,42 @@ def test_a_pool_that_waits_for_ever_for_the_dead_is_refused_with_a_remedy():
 
 
 # --- scripts ----------------------------------------------------------------------
+
+
+UNGUARDED = """
+import multiprocessing, sys
+import numpy as np
+from support.pool_problems import posterior_of, sample
+
+if len(sys.argv) > 1:
+    multiprocessing.set_start_method(sys.argv[1], force=True)
+
+def solver(p):
+    return [p["k"], 2 * p["m"]]
+
+posterior = posterior_of(solver)
+one, other = (sample(posterior=posterior, workers=n)[0].get_chain() for n in (2, None))
+print(np.allclose(one, other, rtol=1e-9))
+"""
+
+
+@SLOW
+@pytest.mark.parametrize("method", [pytest.param((), marks=inherits), ("spawn",)])
+def test_a_script_needs_no_guard_where_processes_fork_and_else_asks_for_it(
+    tmp_path, method
+):
+    """As a file, a command and standard input."""
+    path = tmp_path / "unguarded.py"
+    path.write_text(UNGUARDED)
+    ways = (str(path), *method), ("-c", UNGUARDED, *method), ("-", *method)
+    scripts = [start_script(way) for way in ways]
+    pairs = zip(scripts, (None, None, UNGUARDED), strict=True)
+    file, command, prompt = (s.communicate(text, timeout=HANGS) for s, text in pairs)
+    assert command == ("True\n", "")  # it has no file that workers would import
+    if not method:
+        assert file == prompt == ("True\n", "")
+    else:
+        assert "__main__" in file[1] and prompt[1] and file[0] == prompt[0] == ""
 
 
 STUCK = """
@@ -310,7 +364,7 @@ if __name__ == "__main__":
     ("mine", "kind", "expected"),
     [
         ("workers", KILL, ""),
-        pytest.param("executor", signal.SIGTERM, "", marks=SLOW),
+        ("executor", signal.SIGTERM, ""),
         pytest.param("workers", signal.SIGINT, "kept True\n", marks=posix),
     ],
 )

@@ -44,6 +44,19 @@ class ArchiveMove(Forgetful):
         self.archive, self.generation = state["archive"], state["generation"]
 
 
+class Impatient(emcee.moves.MHMove):
+    """Proposes as it ever did, and after some calls refuses all: a wrong factor."""
+
+    def __init__(self):
+        super().__init__(self.step)
+        self.calls = 0
+
+    def step(self, coords, rng):
+        self.calls += 1
+        proposed = coords + 0.1 * rng.standard_normal(coords.shape)
+        return proposed, np.full(len(coords), -1e9 * (self.calls > 6))
+
+
 class GuidedByThePast(ef.DEMCMove):
     """A move of this kind that others can take inside: guides of earlier calls."""
 

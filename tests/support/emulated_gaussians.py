@@ -42,8 +42,14 @@ def draws(law, n, seed, phi=0.0):
     return law.mean + white @ np.linalg.cholesky(law.covariance).T
 
 
-def sampled(emulated, theta, walkers=1):
+def sampled(emulated, theta, walkers=1, ensembles=1):
     """Return the ArviZ object of a run on an emulated posterior with these draws."""
+    runs = [_held(emulated, part, walkers) for part in np.split(theta, ensembles)]
+    return ef.to_inference_data(runs, emulated)
+
+
+def _held(emulated, theta, walkers):
+    """Return the draws as emcee stores them."""
     rows = emulated(theta).reshape(-1, walkers, len(emulated.rejected()))
     coords = theta.reshape(-1, walkers, theta.shape[1])
     held = emcee.backends.Backend()
@@ -52,4 +58,4 @@ def sampled(emulated, theta, walkers=1):
     for x, row in zip(coords, rows, strict=True):
         state = emcee.State(x, log_prob=row[:, 0], blobs=row[:, 1:])
         held.save_step(state, np.ones(walkers, dtype=bool))
-    return ef.to_inference_data([held], emulated)
+    return held

@@ -4,7 +4,24 @@ import numpy as np
 
 import emcee_femu as ef
 
-from .stored import DESIGN, PRIOR, SD, Gaussian
+DESIGN = np.array([[1.0, 0.4], [-0.3, 1.0], [0.5, 0.5]])
+DATA, SD = np.array([0.6, -0.2, 0.3]), 0.1
+
+
+class Gaussian:
+    """Independent errors of a vector."""
+
+    def __init__(self, data=DATA, sd=SD):
+        self.data, self.sd = data, sd
+        self.reads = {"y": ef.Variable({"point": range(len(data))})}
+
+    def deviations(self, parameters, response):
+        r = response["y"] - self.data
+        return r, np.full_like(r, self.sd)
+
+    def __call__(self, parameters, response):
+        r, sd = self.deviations(parameters, response)
+        return -0.5 * ((r / sd) ** 2).sum(axis=1)
 
 
 class Counted:
@@ -46,6 +63,9 @@ def broken(x):
 def rippled(x):
     """What no few points can show: waves of a tenth of the spread."""
     return DESIGN @ x + SD * np.sin(60.0 * x[0] + 47.0 * x[1])
+
+
+PRIOR = ef.GaussianPrior(["a", "b"], [0.0, 0.0], 1.0, [(-4.0, 4.0)] * 2)
 
 
 def posed(function=bent, stop=0, term=None, prior=PRIOR):
