@@ -19,6 +19,13 @@
 # :pyobject: garteur
 # ```
 
+# %% tags=["remove-cell"]
+import sys
+from pathlib import Path
+
+if "__file__" in globals():  # as a script: the drawing is in the folder above
+    sys.path.append(str(Path(__file__).parents[1]))
+
 # %%
 import time
 
@@ -150,7 +157,7 @@ start = dict.fromkeys(why, 1.0) | {"layer": 0.5, "joint": 5.0}
 paired = ef.PairedModel(small, MEASURED, reference=start, candidates=12)
 term = ef.FrequencyTerm(MEASURED, relative_sd=0.002, discrepancy="model error")
 explained = ef.LogPosterior(paired, term, prior)
-run = ef.run(explained, steps=200, ensembles=2, seed=1)
+run = ef.run(explained, steps=300, ensembles=2, seed=1)
 ef.diagnose(run)
 
 # %%
