@@ -55,6 +55,7 @@ SIZED_FOR = 10_000  # evaluations for whose chain a search is made then
 FEWEST_SOLVES_OF_AUTO = 10_000  # of which a search has half
 # Solves that a run takes as a rule, and seconds above which that is said before.
 USUAL_SOLVES, LONG_RUN = 20_000, 600.0
+SHARED_CALL = 0.005  # seconds of a call that takes all walkers, not of each solve
 
 
 def run(
@@ -241,6 +242,7 @@ def run(
             most = min(most, solves // 2)
         if store is None or not store.lengths().get(1):
             usual = (weighted is None) * evaluations + evaluations
+            seconds -= SHARED_CALL * (not posterior.one_by_one)
             _warn_if_long(seconds, USUAL_SOLVES if steps is None else usual)
         if weighted is None:
             search, states = _search(

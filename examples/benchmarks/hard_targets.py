@@ -10,7 +10,7 @@ mode by more than 0.05. The bar: at most 2 % of the runs that are called converg
 A mode that a search missed counts as a wrong weight.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/hard_targets.py --seeds 20
-with --targets for a part of their names.
+with --targets for a name or a part of names.
 """
 
 import argparse
@@ -128,7 +128,8 @@ def main(
     """Run, print the table and the totals, and return all runs by target."""
     results: dict[str, list[Run]] = {}
     numbers = range(first, first + seeds)
-    for name in SETS.get(targets) or (n for n in ALL if targets in n):
+    named = [targets] if targets in ALL else [name for name in ALL if targets in name]
+    for name in SETS.get(targets, named):
         truth_of(name)  # before processes are forked
         jobs = [name] * seeds, numbers, [steps] * seeds
         if processes > 1:

@@ -31,7 +31,7 @@ import time
 
 import numpy as np
 from garteur import MEASURED, garteur, total_mass
-from matplotlib.figure import Figure
+from matplotlib import pyplot as plt
 from scipy import stats
 
 import emcee_femu as ef
@@ -49,7 +49,7 @@ print(f"{len(drawn.dofs)} DOFs, {total_mass(drawn):.1f} kg")
 nominal = drawn({})
 nodes = np.array([*drawn.geometry.nodes.values()])
 moves = nominal.shapes[0].reshape(len(nodes), 3, -1)
-figure = Figure(figsize=(8, 4.5), layout="constrained")
+figure = plt.figure(figsize=(8, 4.5), layout="constrained")
 for panel, mode in enumerate([0, 1, 3, 4, 6, 7], 1):
     axes = figure.add_subplot(2, 3, panel, projection="3d", computed_zorder=False)
     shape = nodes + 0.25 * moves[:, :, mode] / np.abs(moves[:, :, mode]).max()
@@ -62,6 +62,7 @@ for panel, mode in enumerate([0, 1, 3, 4, 6, 7], 1):
     axes.view_init(25, 40)
     axes.set_box_aspect((2, 2, 1.4), zoom=1.7)
     axes.set_axis_off()
+plt.close(figure)  # shown once, by the next line
 figure
 
 # %% [markdown]

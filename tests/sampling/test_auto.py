@@ -241,6 +241,7 @@ def test_auto_beats_plain_demc():
     run = ef.run(posterior, "auto", 20, 600, ensembles=2, seed=3)
     diagnosis = ef.diagnose(run)
     assert diagnosis.converged, diagnosis.verdict
-    per_evaluation = diagnosis.ess_bulk.min() / (2 * 20 * 600)
-    assert per_evaluation > 0.15  # plain DE-MC: 0.04
-    assert 1_000 < run.evaluations < 10_000
+    drawn = 2 * 20 * 600
+    assert diagnosis.ess_bulk.min() / drawn > 0.15  # plain DE-MC: 0.04
+    drawn += run.evaluations  # of the search
+    assert diagnosis.ess_bulk.min() / drawn > 0.08
