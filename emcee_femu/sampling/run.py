@@ -258,6 +258,7 @@ def run(
             if search is not None:  # after the starts, which it promises
                 store["search"] = search.to_json()
             states, backends = [one.get_last_sample() for one in chains], [*chains]
+        evaluator.solves += search.followed_in if search is not None else 0
         samplers = [
             Sampler(nwalkers, part, mine, chain)
             for part, mine, chain in zip(parts, own, backends, strict=True)
@@ -479,13 +480,10 @@ def _open_chains(
             f"steps: expected at least the {longest} steps that {store.path} holds "
             f"already, got {steps}"
         )
-    counts = [chain.last.counts for chain in chains]
-    for part, spent in zip(parts, counts, strict=True):
-        part.restore(spent)
+    for part, chain in zip(parts, chains, strict=True):
+        part.restore(chain.last.counts)
     # What was evaluated of a step that was not stored is evaluated again.
-    number = lengths[0] - 1
-    (begin,) = store.read(0, range(number, number + 1))
-    solver.restore(np.sum([begin.counts, *counts], axis=0).tolist())
+    solver.restore(store.spent())
     return chains
 
 
