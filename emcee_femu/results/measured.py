@@ -55,6 +55,11 @@ class Measured:
     mac: Floats | None
     model_mode: Floats | None
 
+    @property
+    def quantity(self) -> str:
+        """Its name without that of the experiment."""
+        return self.name.rpartition(".")[2]
+
     def sd(self, posterior: LogPosterior | None) -> Floats:
         """Return the standard deviations of the measurement, NaN where unknown."""
         for experiment, term, label in each_term(posterior) if posterior else ():
