@@ -106,5 +106,10 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Return all names, for completion also those that are imported later."""
-    return [*globals(), *IMPORTED_LATER]
+    """Return the public names, for completion also those that are imported later."""
+    own = (n for n, v in globals().items() if n[:2] == "__" or _is_own(v))
+    return sorted({*own, *IMPORTED_LATER, "moves"})
+
+
+def _is_own(value: object) -> bool:
+    return getattr(value, "__module__", "").startswith(f"{__name__}.")

@@ -221,9 +221,9 @@ def plot_tae(
     posterior = checks.instance("posterior", posterior, LogPosterior)
     curve = running_tae(idata, posterior, experiment)
     figure, (axes,) = subplots(1, 1, (6.4, 4.0))
-    draw_errors(axes, {f"ends at {curve[1][-1]:.3g} %": curve})
+    draw_errors(axes, {"": curve})
     axes.set_xlabel("generation")
-    axes.legend(frameon=False)
+    axes.set_title(f"after the last generation: {curve[1][-1]:.3g} %", fontsize=10)
     return finish(figure, idata)
 
 

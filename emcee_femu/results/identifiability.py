@@ -378,7 +378,7 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
     posterior, best = maxima.posterior, maxima.maxima[0]
     bounds = posterior.prior.bounds
     prior_mean, prior_sd = summarize_prior(posterior.prior)
-    gaussian = best.theta, best.covariance, *bounds.T
+    gaussian = *best.gaussian, *bounds.T
     mean, covariance = moments_inside(*gaussian)
     draws, log_weights = draw_inside(*gaussian)
     is_error = np.isin(posterior.names, posterior.error_names)
