@@ -185,7 +185,7 @@ def _move_nodes(geometry: Geometry, values: Mapping[Hashable, float]) -> Moves:
 
 
 def _scale(moves: Moves, mode: Sequence[Moves], size: float) -> Moves:
-    """Return moves of a mode whose largest is a share of the structure's size."""
+    """Scale a mode: its largest displacement is a share of the structure's size."""
     largest = max(np.linalg.norm(move) for part in mode for move in part.values())
     factor = LARGEST_DRAWN * size / max(float(largest), np.finfo(float).tiny)
     return {node: factor * move for node, move in moves.items()}

@@ -362,7 +362,7 @@ def _read_list(argument: str, value: object, form: str) -> Sequence[Any]:
 def _read_entry(
     label: str, value: Any, form: str, needed: int, defaults: Sequence[Any]
 ) -> tuple[Any, ...]:
-    """Return an entry of a list, whose last parts may lack."""
+    """Return an entry of a list; its last parts may be missing."""
     given = len(value) if isinstance(value, Sequence) else 0
     lacking = min(max(needed + len(defaults) - given, 0), len(defaults))
     size = needed + len(defaults) - lacking

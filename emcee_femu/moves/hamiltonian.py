@@ -234,11 +234,11 @@ class Points(NamedTuple):
         return np.asarray(self.rows[:, 0] - kinetic)
 
     def take(self, chosen: NDArray[np.bool_]) -> "Points":
-        """Return some of them, all if all are chosen."""
+        """Return the chosen walkers; the object itself if all are chosen."""
         return self if chosen.all() else Points._make(part[chosen] for part in self)
 
     def finite(self) -> "Points":
-        """Return those whose position and gradient are finite."""
+        """Return the walkers whose position and gradient are finite."""
         finite = np.isfinite(self.coords + self.gradient)
         return self.take(np.logical_and.reduce(finite, axis=1))
 

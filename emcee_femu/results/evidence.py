@@ -196,7 +196,7 @@ def _bridge(
 
 
 def _climb_ladder(chains: Chains) -> tuple[float, float, tuple[str, ...], Floats]:
-    """Return the log evidence along betas, its error, what forbids it, overlaps."""
+    """Return the log evidence along betas, its error, its problems, and overlaps."""
     betas, blobs = chains.betas, chains.blobs
     if betas[-1] != 0 or blobs is None:
         raise ValueError(

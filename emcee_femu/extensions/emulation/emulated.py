@@ -234,7 +234,7 @@ class Others(Term):
     reads: Mapping[str, Variable] = field(default_factory=dict)
 
     def __call__(self, parameters: Parameters, response: Response) -> Floats:
-        """Return the log-likelihood of all of them, ``(n,)``."""
+        """Return the sum of their log-likelihoods, ``(n,)``."""
         total = np.zeros(len(next(iter(parameters.values()))))
         for experiment in self.experiments:
             solved = experiment.solve(parameters, self.parameters)

@@ -104,7 +104,7 @@ class EmulatedChain:
         return np.asarray(np.linalg.cholesky(scale + 1e-12 * np.diag(np.diag(scale))))
 
     def whiten(self, theta: Floats) -> Floats:
-        """Return coordinates ``(n, d)`` in which the draws are white."""
+        """Transform points ``(n, d)`` so that the draws have unit covariance."""
         x = self.coordinates.coordinates(theta)
         return np.asarray(np.linalg.solve(self.root, (x - self.x.mean(0)).T).T)
 

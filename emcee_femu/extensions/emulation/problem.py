@@ -134,7 +134,7 @@ class Recorder:
 
 
 def compare_nothing(parameters: Parameters, response: Response) -> Floats:
-    """Return a likelihood of one for what is only recorded."""
+    """Return a likelihood of one, for variables that are only recorded."""
     return np.zeros(len(next(iter(parameters.values()))))
 
 

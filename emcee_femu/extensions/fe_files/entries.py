@@ -41,7 +41,7 @@ class Part(NamedTuple):
 
 
 def try_part(name: str, path: Path, read: Callable[[], Part]) -> Part:
-    """Return what is read, or a part with its fault: others of the file may be good."""
+    """Return the part that is read, or its fault: other parts may be good."""
     try:
         return read()._replace(name=name)
     except ValueError as error:

@@ -317,7 +317,7 @@ class PopulationModel:
         return next(iter(self.tests.values())).bounds
 
     def __call__(self, parameters: Parameters) -> dict[str, Floats]:
-        """Return ``log_marginal (n, T)``, each known but for a constant."""
+        """Return ``log_marginal (n, T)``, each up to a constant."""
         location = self._locate(parameters)
         sd = np.maximum(self.population.spread(parameters), LEAST_DENSITY)[:, None]
         low, high = (self.bounds_of.T[:, None, None] - location) / sd
