@@ -107,9 +107,5 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """Return the public names, for completion also those that are imported later."""
-    own = (n for n, v in globals().items() if n[:2] == "__" or _is_own(v))
-    return sorted({*own, *IMPORTED_LATER, "moves"})
-
-
-def _is_own(value: object) -> bool:
-    return getattr(value, "__module__", "").startswith(f"{__name__}.")
+    own = (n for n, v in globals().items() if __name__ in getattr(v, "__module__", ""))
+    return sorted({*own, *IMPORTED_LATER, "moves", "__version__"})
