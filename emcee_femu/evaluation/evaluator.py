@@ -17,7 +17,7 @@ from .pools import EvaluationPool, open_pool
 
 Request: TypeAlias = tuple[Kind, Floats]  # what is asked for, and a point (d,)
 Result: TypeAlias = Floats | Failure
-DERIVED = "gradient", "linearization"  # what asks a model for derivatives
+DERIVED = "gradient", "linearization"  # kinds that need derivatives
 
 
 def _lacks_derivatives(error: Exception, kind: Kind) -> bool:

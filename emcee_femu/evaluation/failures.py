@@ -10,7 +10,7 @@ from ..contracts import SolveError
 
 logger = logging.getLogger("emcee_femu")
 
-FEWEST_COUNTED = 100  # evaluations before a fraction of them means something
+FEWEST_COUNTED = 100  # evaluations before a fraction of failures is judged
 CAUSES = ("not finite", "wrong shape", "time-out", "exception")
 KEPT_FAILURES = 1_000  # failures whose parameters are kept
 

@@ -39,7 +39,7 @@ TABLES = (
 )
 # Transactions are begun here; another program that reads or writes is waited for, 60 s.
 OPTIONS: Any = dict(timeout=60.0, isolation_level=None, check_same_thread=False)
-SLOW = 0.1  # s between records from which each of them survives a power loss too
+SLOW = 0.1  # s between records from which each is synced to disk
 MOST_LOST = 256  # points of a batch that a kill may lose
 
 

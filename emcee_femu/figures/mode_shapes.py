@@ -28,7 +28,7 @@ LARGEST_DRAWN = 0.15  # displacement drawn, of the size of the structure
 SHAPE_MARGIN = 0.17  # around the structure, of its size
 # A view in space: from how far to the side, and from how far above.
 SIDE, ABOVE = math.radians(30), math.radians(22)
-ROTATION_DOFS = ":rx", ":ry", ":rz"  # of a node, which move none
+ROTATION_DOFS = ":rx", ":ry", ":rz"  # rotations do not displace a node
 NO_EXTENT = 1e-9
 FEW_MODES = 3  # modes of the model up to which the two panels are beside each other
 ROW, COLUMN = 0.42, 0.66  # inches of a measured mode, and at least of the model's

@@ -37,14 +37,14 @@ PAGE_WIDTH = 7.0  # inches: that of a page
 LEFT_INCHES, RIGHT_INCHES, TITLE_INCHES = 0.8, 0.15, 0.4
 LABEL, SMALLEST = 10.0, 6.0  # points
 WIDE_NAME = 7  # characters below a cell of the correlation map
-# Independent draws that regions are drawn for, of however poor a chain.
+# Least effective sample size assumed for regions.
 FEWEST_INDEPENDENT = 50.0
 
 
 RADIUS = math.sqrt(-2 * math.log(0.05))  # of an ellipse, in standard deviations
 REGION_SHARES = 0.95, 0.5  # of the draws in the regions
 CELLS = 160  # along an axis
-LINE, NARROW = 1e-8, 0.02  # 1 - r^2 of points on a line, and nearly
+LINE, NARROW = 1e-8, 0.02  # 1 - r^2 of points on a line, and close to one
 SMOOTH = 1.25  # times Scott's rule, for even outlines
 TENTH = 0.251  # standard deviations of a Gaussian that hold its middle tenth
 # Area that region and ellipse share, over that of both, from which draws count as

@@ -18,7 +18,7 @@ from ..results.to_arviz import read_samples
 from .style import BELOW, BLUE, RED, Style, finish, subplots
 
 MOST_TICK_LABELS = 24  # below a panel
-FAR_PRIOR = 4.0  # times the updated deviations, beyond which the prior's go to the edge
+FAR_PRIOR = 4.0  # prior deviations, in updated ones, that are drawn as arrows
 TAE_POINTS = 200  # generations at which the model is solved
 
 

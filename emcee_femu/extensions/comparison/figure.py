@@ -16,7 +16,7 @@ from .classes import CLASS_LEAD, ModelComparison
 from .compare import Comparison
 
 LABEL_WIDTH, CLASS_WIDTH = 32, 28  # characters per line
-LEAST_WRITTEN = 0.001  # probability that is written as a number
+LEAST_WRITTEN = 0.001  # least probability written as a number
 FAR_BEHIND = 25.0  # log evidence behind the first beyond which a class is only named
 
 

@@ -40,8 +40,8 @@ FEWEST_SOLVES = 10
 RHAT_APART = 1.1  # R-hat of walkers or ensembles that are in different places
 # Solves for the search: at most a quarter, and no more than these.
 SEARCH_SHARE, MOST_SEARCH_SOLVES = 4, 30
-FIRST_CLIMBS = 8  # starts that are put in order
-FEWEST_CLIMB_STEPS = 3  # of a climb, below which it says nothing
+FIRST_CLIMBS = 8  # starts that are sorted by height
+FEWEST_CLIMB_STEPS = 3  # steps; shorter climbs are not counted
 MOMENTS = "mean", "mean_error", "sd", "sd_error", "off_error"  # in their order
 
 

@@ -32,10 +32,10 @@ from ...table import Parts, Report, Table
 from .encoding import Outputs
 from .gaussian_process import Processes
 
-SMALL_DIRECTION = 0.02  # in units of measurement error: for less no direction is kept
-LEAST_LOGARITHM = 1e-300  # whose logarithm is taken in place of that of zero
+SMALL_DIRECTION = 0.02  # in measurement errors; smaller directions are dropped
+LEAST_LOGARITHM = 1e-300  # used in logarithms instead of zero
 MOST_DIRECTIONS = 24  # directions in which the emulator errs, the largest ones
-REST = 0.03  # share of the mean square error that all others have
+REST = 0.03  # share of the mean square error that may be dropped with the others
 
 
 @dataclass(frozen=True, eq=False, repr=False)

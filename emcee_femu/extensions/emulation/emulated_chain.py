@@ -18,11 +18,11 @@ from ...sampling.coordinates import Coordinates
 from ...sampling.judge import effective_sizes, mean_sizes, size_by_means
 from .certificate import FOUND, MISSED_SHARE
 
-GAPS = 1.5  # times the largest gap between draws: farther than any of them
+GAPS = 1.5  # in largest gaps between draws: beyond all of them
 GAP_DRAWS = 2_000  # draws of the chain that are compared
-ALONE = 1e-9  # weight beside that of one draw, below which it has no spread
+ALONE = 1e-9  # weight of all other draws, below which one has no spread
 PRIOR_FREE_DRAWS = 20_000  # which cost no solve
-LEFT_OUT = 0.01  # of the prior's probability, of which nothing would be known
+LEFT_OUT = 0.01  # share of the prior outside the emulator's bounds that is accepted
 # Standard deviations from a bound; share of draws there.
 NEAR_A_BOUND, PRESSED = 0.1, 0.005
 

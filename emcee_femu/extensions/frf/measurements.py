@@ -17,7 +17,7 @@ from ...measurements.modes import along_axis
 from ...measurements.uff import UFF_AXES, Path
 from ...table import Column, Parts, Report, Table
 
-# Times i omega, and the unit in SI.
+# Power of i omega relative to receptance, and the SI unit.
 FRF_KINDS = {
     "receptance": (0, "m/N"),
     "mobility": (1, "m/(N s)"),

@@ -23,7 +23,7 @@ from ...results.to_arviz import read_samples
 from ...sampling.judge import spread_out
 from .measurements import FRFMeasurements, frf_variable
 
-FRF_DRAWS = 200  # draws that are solved anew
+FRF_DRAWS = 200  # draws that are solved again
 # In words and as a formula in HTML, for reports.
 BY_AMPLITUDE = (
     "The deviations of the logarithms of the amplitudes from the measured ones are "

@@ -27,7 +27,7 @@ from ...sampling.judge import spread_out
 from ...table import Parts, Report, Table
 
 FEWEST_OF_A_TEST = 100  # draws of a test
-RESOLVED = 20  # draws that lie within the narrowest population that they can tell
+RESOLVED = 20  # draws needed inside the narrowest population that can be resolved
 LEAST_DENSITY = 1e-300
 # The share of each parameter's population that lies inside the bounds, at least: what
 # is left of less would hang on the bound.
