@@ -27,9 +27,7 @@ from .normal import (
     read_tests,
 )
 
-SMALL_SHIFT = (
-    0.1  # error of estimates from few draws, in posterior sds, that is accepted
-)
+SMALL_SHIFT = 0.1  # posterior sds by which few draws may shift estimates
 ENOUGH_EFFECTIVE = 100  # effective draws of a test that suffice whatever the tail
 RESAMPLED, BLOCKS = 50, 50  # number of resamplings, and of blocks in them
 POPULATION_DRAWS = 1_000  # of the population and of each test's parameters, together
