@@ -383,7 +383,7 @@ def _dofs(*nodes: int) -> NDArray[np.intp]:
 
 
 def rigid_arm(offset: Floats) -> Floats:
-    """Return what takes DOFs of a node to those at an offset from it, ``(6, 6)``."""
+    """Return the transformation of a node's DOFs to an offset from it, ``(6, 6)``."""
     T = np.eye(6)
     T[:3, 3:] = np.cross(np.eye(3), offset).T  # rotation x offset
     return T

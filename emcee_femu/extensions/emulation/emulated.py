@@ -255,7 +255,7 @@ def emulate_each(
     emulate: Callable[..., Any],
     options: dict[str, Any],
 ) -> EmulatedExperiments:
-    """Emulate experiments one after another, each where those before leave room.
+    """Emulate experiments in turn, each where earlier ones leave the posterior open.
 
     Args:
         posterior: The joint posterior.

@@ -118,7 +118,7 @@ class EmulatedChain:
     def choose(
         self, n: int, rng: np.random.Generator
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return places of at most ``n`` different draws at equal distances.
+        """Return places of at most ``n`` different draws at equal intervals.
 
         Every draw of the chain is as likely to be taken as any other. A walker that
         stood still may be met again: its draw is solved once and counts as often as it
@@ -224,7 +224,7 @@ def find_missed(
     log_posterior: Floats,
     weights: Floats,
 ) -> tuple[str, ...]:
-    """Return the plainest of what climbs came upon that the draws lack.
+    """Return the most obvious maximum that climbs found and draws lack.
 
     Args:
         chain: Of the emulated posterior.
