@@ -8,18 +8,28 @@ import hashlib
 import os
 import shutil
 import sys
+from functools import partial
 from importlib.metadata import files as files_of
 from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
 
+import nbformat
 from jupyter_cache import get_cache
+from jupyter_cache.executors import utils as executors
+from jupyter_client import KernelManager
+from traitlets.config import Config
 
 import emcee_femu
 
 # One thread for each page: two are executed side by side, and matrices are small.
 for library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
+# A kernel whose ports are not encrypted warns of it, once for each page.
+if hasattr(KernelManager, "transport_encryption"):
+    encrypted = Config({"KernelManager": {"transport_encryption": "required"}})
+    executors.executenb = partial(executors.executenb, config=encrypted)
 
 # Subjects that are imported when they are asked for: the reference has these names.
 for subject in ("frf", "paper", "population"):
@@ -156,6 +166,22 @@ copy_pages()
 copy_mathjax()
 
 
+def offer_notebook(app: Any, page: str, _: str, context: Any, doctree: Any) -> None:
+    """Offer a page of code as the executed notebook, without its last cell, of checks.
+
+    The theme has a button for it at the head of the page.
+    """
+    if doctree is None or not (HERE / f"{page}.py").exists():
+        return
+    out, name = Path(app.outdir), f"{page}.ipynb"
+    notebook = nbformat.read(out.parent / "jupyter_execute" / name, as_version=4)
+    if "remove-cell" in notebook.cells[-1].metadata.get("tags", []):
+        del notebook.cells[-1]
+    (out / "_sources" / name).parent.mkdir(parents=True, exist_ok=True)
+    nbformat.write(notebook, out / "_sources" / name)
+    context["ipynb_source"] = name
+
+
 def find_anywhere(app: Any, env: Any, node: Any, text: Any) -> Any:
     """Resolve a bare name, such as ``run``, from a page of a module that has it not."""
     if node.get("refdomain") != "py":
@@ -166,5 +192,6 @@ def find_anywhere(app: Any, env: Any, node: Any, text: Any) -> Any:
 
 
 def setup(app: Any) -> None:
-    """Ask for names once more before a missing one is reported."""
+    """Ask for names once more before a missing one is reported; offer notebooks."""
     app.connect("missing-reference", find_anywhere)
+    app.connect("html-page-context", offer_notebook, priority=400)  # before the theme

@@ -106,5 +106,6 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Return all names, for completion also those that are imported later."""
-    return [*globals(), *IMPORTED_LATER]
+    """Return the public names, for completion also those that are imported later."""
+    own = (n for n, v in globals().items() if __name__ in getattr(v, "__module__", ""))
+    return sorted({*own, *IMPORTED_LATER, "moves", "__version__"})

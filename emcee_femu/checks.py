@@ -172,7 +172,7 @@ def text(argument: str, value: object) -> str:
 
 
 def units_by_name(argument: str, units: object, names: Sequence[str]) -> dict[str, str]:
-    """Return the units of some of ``names``, without None as without any."""
+    """Return the units of some of ``names``, none for None."""
     by = {} if units is None else by_name(argument, units, names)
     return {name: text(f"{argument}[{name!r}]", unit) for name, unit in by.items()}
 
@@ -209,7 +209,7 @@ def numbers_by_name(argument: str, values: object, names: Sequence[str]) -> Floa
 def batch(parameters: Parameters) -> tuple[Parameters, int]:
     """Return the values of parameter sets, each ``(n,)`` floats, and n.
 
-    What a :class:`LogPosterior` passes, arrays of floats, is passed on as it is.
+    The float arrays that a :class:`LogPosterior` passes are returned unchanged.
     """
     mapping("parameters", parameters, "{name: (n,)}")
     values = {

@@ -64,7 +64,7 @@ Places: TypeAlias = Sequence[Any]  # labels along a dimension
 Derivatives: TypeAlias = dict[str, dict[str, Floats]]
 
 WRAP = "a function of one parameter set becomes a model by FunctionModel(function)"
-PLACED = "emcee_femu_place"  # attribute of an error whose parameters a note names
+PLACED = "emcee_femu_place"  # marks errors that already name their parameters
 
 
 def add_place(error: BaseException, place: object, names: Sequence[str]) -> None:

@@ -10,6 +10,8 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
+from support.public import SUBJECTS, public_names
+
 import emcee_femu
 
 PACKAGE = Path(emcee_femu.__file__).parent
@@ -137,3 +139,15 @@ def test_importing_the_package_loads_no_plotting_no_arviz_and_no_program():
 
 def test_the_version_is_that_of_the_installed_package():
     assert emcee_femu.__version__ == version("emcee-femu")
+
+
+def test_completion_offers_the_public_names_and_no_others():
+    def offered(module):
+        return {name for name in dir(module) if name[:2] != "__"}
+
+    public = {*public_names()}
+    assert offered(emcee_femu) == {n for n in public if "." not in n} | {*SUBJECTS}
+    figures = {f"figures.{name}" for name in offered(emcee_femu.figures)}
+    assert figures == {name for name in public if name.startswith("figures.")}
+    assert offered(emcee_femu.moves) >= {"DEMCMove", "TemperedMove"}
+    assert all(name.endswith("Move") for name in offered(emcee_femu.moves))

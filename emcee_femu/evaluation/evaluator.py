@@ -17,7 +17,7 @@ from .pools import EvaluationPool, open_pool
 
 Request: TypeAlias = tuple[Kind, Floats]  # what is asked for, and a point (d,)
 Result: TypeAlias = Floats | Failure
-DERIVED = "gradient", "linearization"  # what asks a model for derivatives
+DERIVED = "gradient", "linearization"  # kinds that need derivatives
 
 
 def _lacks_derivatives(error: Exception, kind: Kind) -> bool:
@@ -33,7 +33,7 @@ class Solver:
     reject: bool
 
     def __call__(self, request: Request) -> Result:
-        """Return what is asked for, side by side (:meth:`LogPosterior.stack`)."""
+        """Return the requested quantities as columns (:meth:`LogPosterior.stack`)."""
         kind, theta = request
         try:
             return self.posterior.stack(theta, kind)
@@ -74,7 +74,7 @@ class Evaluation:
         on_failure: str = "raise",
         max_failures: float = 0.2,
     ) -> "Iterator[Evaluation]":
-        """Yield the evaluation that the arguments of :func:`.run` ask for.
+        """Yield the evaluation for the arguments of :func:`.run`.
 
         Raises:
             ValueError: If one of them makes no sense.
@@ -98,11 +98,11 @@ class Evaluation:
         return self.solver.posterior
 
     def stack(self, theta: Floats, kind: Kind) -> Floats:
-        """Return what is asked for of ``theta (n, d)``, side by side in one array."""
+        """Return the requested quantities at ``theta (n, d)`` in one array."""
         return self.solve(theta, kind)
 
     def solve(self, theta: Floats, kind: Kind) -> Floats:
-        """Return the same, and never from a file."""
+        """Return the same from new solves, never from a file."""
         if kind in DERIVED:
             return self._linearize(theta, kind)
         return self._count(self._results(theta, kind))
@@ -117,7 +117,7 @@ class Evaluation:
         return rows, gradient
 
     def linearize(self, theta: Floats) -> Linearization:
-        """Return rows, gradients and information of ``theta (n, d)``.
+        """Return rows, gradients and information at ``theta (n, d)``.
 
         By the models' derivatives, and by differences where there are none or they
         fail.
@@ -150,7 +150,7 @@ class Evaluation:
 
     @property
     def failed(self) -> int:
-        """How many solves failed so far."""
+        """Number of solves that failed so far."""
         return 0 if self.failures is None else self.failures.causes.total()
 
     @property
@@ -167,7 +167,7 @@ class Evaluation:
             self.failures.restore(counts[1:])
 
     def _results(self, theta: Floats, kind: Kind) -> Sequence[Result]:
-        """Return what is asked for at each point, or why a solve failed."""
+        """Return the requested quantities at each point, or why its solve failed."""
         if self.pool is not None:
             requests: list[Request] = [(kind, point) for point in theta]
             return self.pool.map(self.solver, requests)

@@ -10,7 +10,7 @@ from ..contracts import SolveError
 
 logger = logging.getLogger("emcee_femu")
 
-FEWEST_COUNTED = 100  # evaluations before a fraction of them means something
+FEWEST_COUNTED = 100  # evaluations before a fraction of failures is judged
 CAUSES = ("not finite", "wrong shape", "time-out", "exception")
 KEPT_FAILURES = 1_000  # failures whose parameters are kept
 
@@ -30,7 +30,7 @@ class Failure(NamedTuple):
 
 
 def describe_failure(error: Exception, parameters: Mapping[str, float]) -> Failure:
-    """Return what is kept of an error."""
+    """Return the text by which an error is recorded."""
     if isinstance(error, SolveError):
         cause = error.cause
     elif isinstance(error, TimeoutError | subprocess.TimeoutExpired):
@@ -76,7 +76,7 @@ class FailureLog:
         self.check(FEWEST_COUNTED)
 
     def check(self, fewest: int) -> None:
-        """Stop if too many failed of at least ``fewest`` evaluations.
+        """Stop if too many of at least ``fewest`` evaluations failed.
 
         Raises:
             RuntimeError: If so.

@@ -54,7 +54,7 @@ class Outcome(NamedTuple):
 
     values: Sequence[object] = ()  # one result per point
     missing: bool = False  # the worker does not have the function
-    error: BaseException | None = None  # what the function raised
+    error: BaseException | None = None  # raised by the function
     note: str = ""  # at which point, and the worker's traceback
 
 
@@ -221,7 +221,7 @@ class ForkedPool(EvaluationPool):
 def open_pool(
     pool: object, workers: int | None, function: Function
 ) -> Iterator[EvaluationPool | None]:
-    """Yield what evaluates for a run: None, a pool, or processes of its own.
+    """Yield the pool of a run: None, the given one, or new processes.
 
     Args:
         pool: What :class:`EvaluationPool` takes, or one; None for none.
@@ -288,7 +288,7 @@ def _check_executor(executor: object) -> None:
 
 
 def _count_workers(executor: Any) -> int:
-    """Return how many evaluations run at once; 0 where that is unknown."""
+    """Return how many evaluations run at once; 0 if unknown."""
     if hasattr(executor, "nthreads"):  # a dask Client
         if executor.status == "closed":  # which its first task says
             return 0
@@ -359,7 +359,7 @@ def begin(reader: Connection, writer: Connection) -> None:
 
 
 def _end_with_run(home: int) -> None:
-    """Let a process that the run ``home`` started end with it, not wait for ever."""
+    """Let a worker end with the run ``home`` that started it, not wait for ever."""
     if os.getpid() not in _watched:
         _watched.add(os.getpid())
         parent = multiprocessing.parent_process()

@@ -31,9 +31,9 @@ LOG_BOX = "logarithm of the volume of the box"
 
 
 def describe(posterior: LogPosterior, asked: Mapping[str, object]) -> dict[str, Any]:
-    """Return a posterior, and the settings of what samples it, as JSON has it.
+    """Describe a posterior and the settings of its sampler for JSON.
 
-    Functions are not compared: a changed model, prior or term is what the probe sees.
+    Functions are not compared: the probe detects a changed model, prior or term.
     """
     prior, kind = posterior.prior, type(posterior.prior).__name__
     entries: dict[str, object] = {
@@ -57,7 +57,7 @@ def describe(posterior: LogPosterior, asked: Mapping[str, object]) -> dict[str, 
 
 
 def _readable(value: object) -> object:
-    """Return numbers as a list, of many the digest, and an object in words."""
+    """Return numbers as a list, or a digest if they are many; objects in words."""
     if isinstance(value, np.ndarray | np.generic):
         if value.size <= SHOWN_NUMBERS and value.dtype.kind in "biuf":
             return value.tolist()
@@ -67,7 +67,7 @@ def _readable(value: object) -> object:
 
 
 def check_path(backend: object, resume: bool) -> str | None:
-    """Return the path of a file, or None; refuse a place where none can be made.
+    """Return the path of a file, or None; refuse one that cannot be created.
 
     Raises:
         TypeError: If resume is asked for without a file.
@@ -105,7 +105,7 @@ def open_evaluator(
     resume: bool = False,
     probe_tolerance: float = 1e-6,
 ) -> Iterator[Evaluation]:
-    """Yield what evaluates, and stores it in a file or reads it there, if there is one.
+    """Yield an evaluator, which uses a file for its results if one is given.
 
     Args:
         posterior: What is evaluated.
@@ -206,7 +206,7 @@ def _first_difference(
 ) -> str:
     """Return the first difference in words, with the parameters by name, or nothing.
 
-    Of what was solved a part says more than the sum of all, which comes first.
+    A single term or variable says more than the sum, which comes first in a row.
     """
     sizes, floor = np.abs(np.where(np.isfinite(was), was, 0.0)), np.zeros(was.shape[1])
     for part in posterior.columns.values():

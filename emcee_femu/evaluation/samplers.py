@@ -110,7 +110,7 @@ class Sampler(emcee.EnsembleSampler):
         last: emcee.State,
         options: dict[str, Any],
     ) -> None:
-        """Refuse moves whose last step does not follow from what is stored."""
+        """Refuse moves whose last step cannot be repeated from the stored state."""
         replay, moves = Replay(self.evaluator, self._found or []), copy_moves(fresh)
         restore(moves, remembered)
         again = Sampler(self.nwalkers, replay, moves)
@@ -129,7 +129,7 @@ class Sampler(emcee.EnsembleSampler):
 
 
 def copy_moves(weighted: Weighted) -> list[tuple[Move, float]]:
-    """Return moves for one ensemble, which share no memory with those of others.
+    """Copy moves for one ensemble, so that ensembles share no memory.
 
     Raises:
         TypeError: If one cannot be copied.
@@ -147,7 +147,7 @@ def copy_moves(weighted: Weighted) -> list[tuple[Move, float]]:
 def foreign_moves(weighted: Weighted) -> Iterator[Any]:
     """Yield the moves, and those inside of others, that are not of this package.
 
-    What its own ones keep, counts and what saves evaluations, changes no proposal.
+    The package's own keep counts and caches, which change no proposal.
     """
     move: Any
     for move, _ in weighted:
@@ -158,7 +158,7 @@ def foreign_moves(weighted: Weighted) -> Iterator[Any]:
 
 
 def remember(weighted: Weighted) -> str:
-    """Return what moves say that they remember, as JSON.
+    """Return the state of moves as JSON.
 
     Raises:
         TypeError: If JSON cannot hold it.
@@ -209,7 +209,7 @@ class Replay(Evaluation):
         self.left, self.strayed = found, False
 
     def rows(self, theta: Floats) -> Floats:
-        """Return the rows that were found at these points, or those of a zero."""
+        """Return the stored rows of these points, or rows of zero density."""
         if self.left and np.array_equal(self.left[0][0], theta):
             return self.left.pop(0)[1]
         self.strayed = True
@@ -217,7 +217,7 @@ class Replay(Evaluation):
 
 
 def moves_of(sampler: object) -> list[tuple[Move, float]]:
-    """Return the weighted moves of a sampler; none of a backend, which has none."""
+    """Return the weighted moves of a sampler; a backend has none."""
     if not isinstance(sampler, emcee.EnsembleSampler):
         return []
     return list(zip(sampler._moves, sampler._weights, strict=True))
@@ -248,9 +248,9 @@ def describe_object(value: object) -> str:
 
 
 def check_progress(progress: bool | str | None) -> bool | str:
-    """Return True, False, or "notebook" where there is what shows that bar.
+    """Return True, False, or "notebook" if ipywidgets can show that bar.
 
-    None is for whether there is a bar to show, on a terminal or in a notebook.
+    None: whether there is a terminal, or a notebook that can show a bar.
     """
     if progress is None:
         shown = _on_terminal() or _in_notebook()
@@ -266,7 +266,7 @@ def check_progress(progress: bool | str | None) -> bool | str:
 
 
 def progress_bar(progress: bool | str, total: int, text: str) -> Any:
-    """Return what shows progress as is asked for, with emcee's interface of bars."""
+    """Return a progress bar with emcee's interface, as requested."""
     if progress is True and not _on_terminal():
         if not _in_notebook():
             return _Lines(total, text)
@@ -275,13 +275,13 @@ def progress_bar(progress: bool | str, total: int, text: str) -> Any:
 
 
 def caption(bar: Any, text: str) -> None:
-    """Say beside a bar how far a run is; emcee's empty bar cannot."""
+    """Write the state of a run beside its bar; emcee's empty bar cannot show it."""
     if show := getattr(bar, "set_description", None):
         show(text)
 
 
 def complete(bar: Any) -> None:
-    """Let a bar end where what it shows has, before it was full."""
+    """End a bar that is not full at its present value."""
     if total := getattr(bar, "n", None):  # of tqdm
         bar.total = total
         bar.refresh()
@@ -311,7 +311,7 @@ class _Lines:
         pass
 
     def update(self, count: int) -> None:
-        """Count on; print a line where the next tenth is reached."""
+        """Count, and print a line at each tenth."""
         tenth = 10 * self.count // self.total
         self.count += count
         if 10 * self.count // self.total > tenth:
@@ -353,7 +353,7 @@ class Turn(EvaluationPool):
 def take_turns(
     evaluations: Sequence[Evaluation], advance: Callable[[int], None]
 ) -> None:
-    """Advance all ensembles, so that their evaluations are on the pool together.
+    """Advance all ensembles in threads, so that they share the pool.
 
     Args:
         evaluations: What evaluates each of them, on one pool.

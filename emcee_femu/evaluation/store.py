@@ -39,7 +39,7 @@ TABLES = (
 )
 # Transactions are begun here; another program that reads or writes is waited for, 60 s.
 OPTIONS: Any = dict(timeout=60.0, isolation_level=None, check_same_thread=False)
-SLOW = 0.1  # s between records from which each of them survives a power loss too
+SLOW = 0.1  # s between records from which each is synced to disk
 MOST_LOST = 256  # points of a batch that a kill may lose
 
 
@@ -104,7 +104,7 @@ class Store:
             self._file = None
 
     def __getitem__(self, name: str) -> Any:
-        """Return an entry, None if there is none of that name."""
+        """Return the entry of that name, None if there is none."""
         query = "SELECT * FROM entry WHERE name = ?"
         for content in self._rows(query, name):
             return json.loads(content[1])
@@ -127,7 +127,7 @@ class Store:
         return lengths
 
     def spread(self, size: int) -> Iterator[tuple[Floats, Floats]]:
-        """Yield stored points with their values, spread evenly over all of them."""
+        """Yield stored points and their values, evenly spread over the file."""
         query = "SELECT stream, number, points FROM record ORDER BY stream, number"
         with self._reading() as file:
             rows = file.execute(query).fetchall()
@@ -143,7 +143,7 @@ class Store:
     def append(
         self, stream: int, number: int, record: Record, position: object = None
     ) -> None:
-        """Store a record, all of it or nothing, and where its ensemble is then."""
+        """Store a record and the new state of its ensemble, both or neither."""
         content = np.hstack([record.theta, record.values]).astype("<f8").tobytes()
         lead = stream, number, record.kind, *record.theta.shape
         counts = json.dumps(list(record.counts))
@@ -174,7 +174,7 @@ class Store:
         return total
 
     def verify(self) -> None:
-        """Refuse a file in which a bit has changed: all of it is read."""
+        """Read the whole file, and refuse it if a single bit has changed."""
         with self._reading() as file:
             (report,) = file.execute("PRAGMA quick_check").fetchone()
             if report != "ok":
@@ -184,7 +184,7 @@ class Store:
                 pass
 
     def _rows(self, query: str, *values: object) -> Iterator[tuple[Any, ...]]:
-        """Yield what a query finds, with checksums held to it and left out."""
+        """Yield the rows of a query after comparing their checksums."""
         with self._reading() as file:
             for *row, checksum in file.execute(query, values):
                 if checksum != _checksum(row):
@@ -231,7 +231,7 @@ class Store:
 
     @contextmanager
     def _translating(self, written: str) -> Iterator[None]:
-        """Say which file it is that SQLite complains of, and what was not written."""
+        """Add to SQLite's error the file's name and what was not written."""
         try:
             yield
         except sqlite3.IntegrityError as error:
@@ -314,7 +314,7 @@ class StoredChain(emcee.backends.Backend):
         return True
 
     def get_last_sample(self) -> emcee.State:
-        """Return the last stored state, that of the start before there is a step."""
+        """Return the last stored state; the start if there is no step."""
         theta, rows = self.last.theta.copy(), self.last.values.copy()
         return emcee.State(theta, rows[:, 0], rows[:, 1:], self.random_state)
 
@@ -341,7 +341,7 @@ class StoredChain(emcee.backends.Backend):
         """Do nothing: the file grows by itself."""
 
     def save_step(self, state: emcee.State, accepted: NDArray[np.bool_]) -> None:
-        """Append a step: all of it, or nothing."""
+        """Append a step completely or not at all."""
         total = self.accepted + accepted
         rows = np.column_stack([state.log_prob, state.blobs])
         counts = self._evaluation.counts if self._evaluation else self.last.counts
@@ -386,7 +386,7 @@ class StoredEvaluation(Evaluation):
             yield place, row
 
     def stack(self, theta: Floats, kind: Kind) -> Floats:
-        """Return what is asked for of ``theta (n, d)``, side by side in one array."""
+        """Return the requested quantities at ``theta (n, d)`` in one array."""
         record = self._next()
         if record is None:
             values = self.solve(theta, kind)
@@ -403,7 +403,7 @@ class StoredEvaluation(Evaluation):
         return next(self.store.read(0, range(self._number, self._number + 1)))
 
     def _go_on(self, record: Record, same: bool) -> None:
-        """Count what a record has spent, and pass it; refuse one of another search."""
+        """Count the solves of a record and move on; refuse one of another search."""
         if not same:
             raise ValueError(
                 "resume: the search differs from the one recorded in "

@@ -126,7 +126,7 @@ class TemperedMove(Move):
         return state, accepted
 
     def _move(self, model: Model, state: State, block: int) -> NDArray[np.bool_]:
-        """Move all blocks in place, evaluating a split of each of them in one call."""
+        """Move all blocks in place, with one call for the same half of each."""
         accepted = np.zeros(len(state.coords), dtype=bool)
         starts, betas = range(0, len(accepted), block), self.betas.repeat(block)
         # Slices, not copies: each stream sees what was accepted in its block.

@@ -40,5 +40,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Return all names, for completion also those of extensions."""
-    return [*globals(), *FIGURES_LATER]
+    """Return the public names, for completion also those of extensions."""
+    return [n for n in (*globals(), *FIGURES_LATER) if n.startswith(("plot_", "__"))]

@@ -28,7 +28,7 @@ LARGEST_DRAWN = 0.15  # displacement drawn, of the size of the structure
 SHAPE_MARGIN = 0.17  # around the structure, of its size
 # A view in space: from how far to the side, and from how far above.
 SIDE, ABOVE = math.radians(30), math.radians(22)
-ROTATION_DOFS = ":rx", ":ry", ":rz"  # of a node, which move none
+ROTATION_DOFS = ":rx", ":ry", ":rz"  # rotations do not displace a node
 NO_EXTENT = 1e-9
 FEW_MODES = 3  # modes of the model up to which the two panels are beside each other
 ROW, COLUMN = 0.42, 0.66  # inches of a measured mode, and at least of the model's
@@ -185,7 +185,7 @@ def _move_nodes(geometry: Geometry, values: Mapping[Hashable, float]) -> Moves:
 
 
 def _scale(moves: Moves, mode: Sequence[Moves], size: float) -> Moves:
-    """Return moves of a mode whose largest is a share of the structure's size."""
+    """Scale a mode: its largest displacement is a share of the structure's size."""
     largest = max(np.linalg.norm(move) for part in mode for move in part.values())
     factor = LARGEST_DRAWN * size / max(float(largest), np.finfo(float).tiny)
     return {node: factor * move for node, move in moves.items()}

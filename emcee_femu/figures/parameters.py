@@ -37,14 +37,14 @@ PAGE_WIDTH = 7.0  # inches: that of a page
 LEFT_INCHES, RIGHT_INCHES, TITLE_INCHES = 0.8, 0.15, 0.4
 LABEL, SMALLEST = 10.0, 6.0  # points
 WIDE_NAME = 7  # characters below a cell of the correlation map
-# Independent draws that regions are drawn for, of however poor a chain.
+# Least effective sample size assumed for regions.
 FEWEST_INDEPENDENT = 50.0
 
 
 RADIUS = math.sqrt(-2 * math.log(0.05))  # of an ellipse, in standard deviations
 REGION_SHARES = 0.95, 0.5  # of the draws in the regions
 CELLS = 160  # along an axis
-LINE = 1e-8  # 1 - r^2 of points on a line
+LINE, NARROW = 1e-8, 0.02  # 1 - r^2 of points on a line, and close to one
 SMOOTH = 1.25  # times Scott's rule, for even outlines
 TENTH = 0.251  # standard deviations of a Gaussian that hold its middle tenth
 # Area that region and ellipse share, over that of both, from which draws count as
@@ -159,7 +159,10 @@ def _draw_mass(
     density = None if ellipse else estimate_density(points, limits, size)
     if density is None or (ellipse is None and density[2]):
         (width, height), angle = covariance_ellipse(points)
+        r = np.corrcoef(points, rowvar=False)[0, 1]
         style: Style = {"fill": False, "color": RED, "lw": 1.6, "zorder": 5}
+        if 1 - r**2 < NARROW:  # its line would hide the samples
+            style["lw"] = 0.6
         patch = Ellipse(points.mean(axis=0), width, height, angle=angle, **style)
         axes.add_patch(patch)
         return True
@@ -392,7 +395,7 @@ def plot_prior_posterior(
     ]
     keys = keys[: 3 if np.isfinite(marks).any() else 2]
     figure.legend(handles=keys, **BELOW | {"ncols": 3})
-    figure.supylabel("density by its maximum", fontsize=9)
+    figure.supylabel("density, scaled to\na maximum of 1", fontsize=9, ha="center")
     return finish(figure, idata)
 
 

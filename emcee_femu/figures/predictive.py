@@ -18,7 +18,7 @@ from ..results.to_arviz import read_samples
 from .style import BELOW, BLUE, RED, Style, finish, subplots
 
 MOST_TICK_LABELS = 24  # below a panel
-FAR_PRIOR = 4.0  # times the updated deviations, beyond which the prior's go to the edge
+FAR_PRIOR = 4.0  # prior deviations, in updated ones, that are drawn as arrows
 TAE_POINTS = 200  # generations at which the model is solved
 
 
@@ -97,7 +97,8 @@ def _label(part: Measured) -> tuple[list[str], str]:
         f"{label}\n{value:.5g} {part.unit}".strip()
         for label, value in zip(part.labels, part.values, strict=True)
     ]
-    below = f"measured {part.dims}, its {part.name}".replace(" , its", "")
+    below = f"{part.dims.replace('_', ' ')}; below it, the measured {part.quantity}"
+    below = below.removeprefix("; below it, the ")
     if part.model_mode is None:
         return labels, below
     for i, modes in enumerate(part.model_mode.astype(int).T):
@@ -136,8 +137,9 @@ def _draw_deviations(axes: Axes, part: Measured, sd: Floats) -> None:
     old, new = (f"{np.abs(x).mean():.2g} {unit}".rstrip() for x in (before, mean))
     solved = np.isfinite(before).all()  # the model may fail at the prior mean
     title = f"{old} at the prior mean, {new} updated" if solved else f"{new} updated"
-    axes.set_title(f"{part.name}: mean error {title}", fontsize=10)
-    label = f"deviation from the\nmeasured {part.name}"
+    name = part.name.replace(".", ": ", 1)
+    axes.set_title(f"{name}, mean error {title}", fontsize=10)
+    label = f"deviation from the\nmeasured {part.quantity}"
     axes.set_ylabel(f"{label} ({unit})" if unit else label)
     # A power of ten above the axis would stand in the title.
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:.6g}")
@@ -219,9 +221,9 @@ def plot_tae(
     posterior = checks.instance("posterior", posterior, LogPosterior)
     curve = running_tae(idata, posterior, experiment)
     figure, (axes,) = subplots(1, 1, (6.4, 4.0))
-    draw_errors(axes, {f"ends at {curve[1][-1]:.3g} %": curve})
+    draw_errors(axes, {"": curve})
     axes.set_xlabel("generation")
-    axes.legend(frameon=False)
+    axes.set_title(f"after the last generation: {curve[1][-1]:.3g} %", fontsize=10)
     return finish(figure, idata)
 
 

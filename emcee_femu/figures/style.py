@@ -25,7 +25,7 @@ from ..results.arviz_objects import (
 
 Style: TypeAlias = dict[str, Any]  # keyword arguments of matplotlib
 
-# Red is what counts, blue what it is compared with.
+# Red for the result, blue for what it is compared with.
 RED, BLUE, GREY = "#c8102e", "#1f5fa8", "0.45"
 BELOW: Style = {"loc": "outside lower center", "ncols": 2, "frameon": False}  # legends
 

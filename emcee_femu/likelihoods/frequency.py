@@ -33,7 +33,7 @@ class FrequencyTerm(Term):
 
     Here :math:`f_i^m` are the measured and :math:`f_i` the model's frequencies, R is
     the covariance of the relative measurement errors, and :math:`\sigma_d` is the
-    relative standard deviation of the discrepancy, which the model cannot represent. In
+    relative standard deviation of the discrepancy, which is the model's own error. In
     Eq. 2.2 of the paper R is diagonal with elements :math:`1 / \beta_i`, so that
     :math:`\beta_i^{-1/2}` is the relative standard deviation of mode i, and there is no
     :math:`\sigma_d`. For eigenvalues, the relative deviations
@@ -158,7 +158,7 @@ class FrequencyTerm(Term):
         self.error_sd = {"frequency": self.measured * relative}
 
     def constants(self, response: Response) -> Floats | float:
-        """Return what each mode adds, less the penalty of those without a pair."""
+        """Return each mode's constant, minus the penalty if it is unpaired."""
         unpaired = getattr(response, "unpaired", None)
         if isinstance(response, Mapping):
             unpaired = response.get("unpaired")

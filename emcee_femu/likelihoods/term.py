@@ -343,7 +343,7 @@ def move_along(
 
 
 def _replace(response: Response, shifted: Batch, n: int, times: int) -> Response:
-    """Return a response with other variables; the rest of it is repeated."""
+    """Return a response with some variables replaced; the others are repeated."""
 
     def move(name: str, value: Response) -> Response:
         if name in shifted:

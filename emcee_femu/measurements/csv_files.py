@@ -139,7 +139,7 @@ def _read_dof(cell: str) -> int | str:
 
 
 def _read_title(place: str, title: str) -> tuple[str, float]:
-    """Return what a row holds, and the factor of its unit."""
+    """Return the quantity of a row, and the factor of its unit."""
     match = CSV_TITLE.fullmatch(title.lower())
     word, unit, sign = ("", "", "") if match is None else match.groups("")
     known = CSV_WORDS.get(word, "")

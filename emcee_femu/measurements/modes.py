@@ -96,7 +96,7 @@ def warn_about_complex(mpc: Floats) -> None:
 def refuse_duplicates(hertz: Floats, real: Floats) -> None:
     """Refuse modes of the same frequency with a MAC near 1, identified twice.
 
-    Not where one sensor cannot tell: symmetric structures have equal frequencies.
+    Not with a single sensor: symmetric structures have equal frequencies.
     """
     if len(real) < 2:
         return
@@ -117,7 +117,7 @@ def deviations(
     there: NDArray[np.bool_] | None = None,
     partly: bool = False,
 ) -> Floats | None:
-    """Return standard deviations of the given shape, NaN where nothing is there.
+    """Return standard deviations of the given shape; NaN for missing modes.
 
     With ``partly`` some may be NaN or None, not known; None is returned for all.
     """
@@ -139,7 +139,7 @@ def deviations(
 
 
 def damping(value: ArrayLike | None, n_modes: int) -> Floats | None:
-    """Return damping ratios, and warn where they may have been given in percent."""
+    """Return damping ratios, and warn if they look like percent."""
     ratios = deviations("damping", value, (n_modes,), partly=True)
     if ratios is not None and (largest := np.nanmax(ratios)) > LARGE_DAMPING:
         warnings.warn(
@@ -255,7 +255,7 @@ def _read_tests(value: ArrayLike) -> Floats:
 def shape_scatter(value: ArrayLike, found: NDArray[np.bool_]) -> Fields:
     """Return mean and sample sd of shapes ``(n_tests, n_sensors, n_modes)``.
 
-    Of those that were found, ``(n_tests, n_modes)``.
+    Over the modes that were found, ``(n_tests, n_modes)``.
     """
     n_tests, n_modes = found.shape
     raw = checks.complex_array("shapes", value)
@@ -291,7 +291,7 @@ def shape_scatter(value: ArrayLike, found: NDArray[np.bool_]) -> Fields:
 
 
 def _refuse(argument: str, array: Any, expected: str, wrong: NDArray[np.bool_]) -> None:
-    """Refuse ``(..., n_modes)`` numbers if one is wrong, and say which mode's it is."""
+    """Refuse ``(..., n_modes)`` numbers if one is wrong, and name its mode."""
     for *others, mode in np.argwhere(wrong):
         sensor = f" at sensor {others[-1] + 1}" if others else ""
         raise ValueError(

@@ -146,7 +146,7 @@ class AssembledModel:
     def _solve(
         self, parameters: Parameters, by: tuple[str, ...]
     ) -> tuple[ModalSolution, Derivatives]:
-        """Solve the parameter sets one at a time, with derivatives by some of them."""
+        """Solve parameter sets one by one, with derivatives by some parameters."""
         values, n = read_batch(parameters, self.names)
         results = []
         for i in range(n):

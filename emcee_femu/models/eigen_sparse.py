@@ -30,7 +30,7 @@ from .eigen_dense import EPS, REPEATED, Slopes, at_row, check_elastic, refuse_pa
 from .factorization import Factor, factor_definite, factor_indefinite
 from .inputs import Where
 
-SEMIDEFINITE = 1e-9  # an eigenvalue of a mass, by its diagonal, that is as good as zero
+SEMIDEFINITE = 1e-9  # relative eigenvalue of a mass matrix that counts as zero
 SHAPE_TOLERANCE = 1e-9  # of mode shapes; an eigenvalue errs by the square
 BLOCK = 4  # start vectors: three equal modes, as of a free cube, need no more
 # Relative distance of eigenvalues that count as equal, far above SHAPE_TOLERANCE.

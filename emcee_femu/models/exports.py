@@ -23,9 +23,9 @@ NAMES = {word: number % 6 + 1 for number, word in enumerate(DOF_WORDS)}
 FORM = re.compile(r"\s*(?:node)?\s*(-?\d+)\s*[:, ]\s*(\w+)\s*", re.I)
 # Entries of exports are compared with sqrt(d_i d_j), d the diagonal: units and stiff
 # parts of a model do not matter then.
-LEFT_OVER = 1e-12  # what is left of entries that did not change, and is dropped
+LEFT_OVER = 1e-12  # residue of unchanged entries, which is dropped
 UNCHANGED = 1e-9  # a matrix that differs by less is the same
-CURVED = 1e-6  # share of a change by which it may be off a polynomial
+CURVED = 1e-6  # deviation from a polynomial that is allowed, relative to the change
 POWERS = 1, 2, 3  # of a parameter
 FEW_DOFS = 200  # DOFs of Matrices up to which dense ones are solved faster, in batches
 

@@ -362,7 +362,7 @@ def _read_list(argument: str, value: object, form: str) -> Sequence[Any]:
 def _read_entry(
     label: str, value: Any, form: str, needed: int, defaults: Sequence[Any]
 ) -> tuple[Any, ...]:
-    """Return an entry of a list, whose last parts may lack."""
+    """Return an entry of a list; its last parts may be missing."""
     given = len(value) if isinstance(value, Sequence) else 0
     lacking = min(max(needed + len(defaults) - given, 0), len(defaults))
     size = needed + len(defaults) - lacking
@@ -383,7 +383,7 @@ def _dofs(*nodes: int) -> NDArray[np.intp]:
 
 
 def rigid_arm(offset: Floats) -> Floats:
-    """Return what takes DOFs of a node to those at an offset from it, ``(6, 6)``."""
+    """Return the transformation of a node's DOFs to an offset from it, ``(6, 6)``."""
     T = np.eye(6)
     T[:3, 3:] = np.cross(np.eye(3), offset).T  # rotation x offset
     return T

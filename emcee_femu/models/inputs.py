@@ -89,9 +89,9 @@ def derive_along(
     steps: Floats,
     names: Iterable[str],
 ) -> Derivatives:
-    """Return derivatives of what a function returns, by central differences.
+    """Differentiate the values of a function by central differences.
 
-    They cost calls of the function, and no solve.
+    This calls the function, but solves nothing.
 
     Args:
         function: From arrays to ``{variable: (n, *shape)}``.
@@ -118,7 +118,7 @@ def derive_along(
 def choose_dofs(
     argument: str, chosen: bool | Dofs, dofs: Sequence[Hashable]
 ) -> dict[Hashable, int]:
-    """Return ``{label: place}`` of those of the model's DOFs that a user asks for.
+    """Return ``{label: place}`` of the requested DOFs of a model.
 
     Args:
         argument: Its name, for messages.

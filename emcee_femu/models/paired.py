@@ -45,7 +45,7 @@ SHAPE_STEP = 1e-4
 
 
 class PairedModel:
-    r"""A model whose modes are sorted into the order of the measured ones, by MAC.
+    r"""Pair a model's modes with the measured ones by MAC, at every parameter set.
 
     .. math:: \max_{\pi} \sum_i MAC(\phi_i^m, \phi_{\pi(i)}), \qquad
         \pi \text{ one-to-one}
@@ -66,27 +66,27 @@ class PairedModel:
 
     **Without measured shapes**, ``reference`` stands in for them: the i-th measured
     frequency belongs to the i-th mode of the model at these parameters, and is followed
-    by that mode's shape. This assumes that the model has the modes of the test in their
-    order there, none missing and none between them, which no data can tell: compare
-    pictures. And it assumes that a mode stays more like itself than like any other over
-    the prior; ``mac`` says so of each sample. Shapes at translations alone are compared
-    as measured ones would be; among rotations, choose ``shapes=`` of the model.
+    by that mode's shape. This assumes, first, that the model at the reference has the
+    modes of the test in the same order, with none missing and none in between. The data
+    cannot show this, so compare pictures of the modes. It assumes, second, that
+    throughout the prior each mode resembles its own reference shape more than any
+    other; ``mac`` shows this for each sample. If the model has rotations, give it
+    ``shapes=`` with translations only, as sensors measure them.
 
     Args:
         model: A model that returns shapes, such as ``MatrixModel(..., shapes=dofs)``.
-        measurements: Measured modes with shapes, each compared at the sensors that it
-            has. Their ``dofs`` are matched with those
-            at which the model returns shapes, in any order; where they are None, rows
-            and sensors correspond in order. With a reference: measured modes without
-            shapes, or frequencies in Hz.
-        reference: ``{parameter: value}`` at which the model is solved once, for the
-            shapes that modes are paired by; None for those measured.
-        candidates: How many of the model's modes are searched; None for twice the
-            number of measured ones, as is usual.
-        min_mac: A pair below it counts as unpaired, which a
-            :class:`FrequencyTerm` answers with a finite penalty.
-        min_gap: Relative distance of two frequencies below which modes share their
-            space.
+        measurements: Measured modes with shapes; each is compared at the sensors that
+            measured it. Their ``dofs`` are matched with those of the model's shapes, in
+            any order; without ``dofs``, rows and sensors correspond in order. With a
+            reference: measured modes without shapes, or frequencies in Hz.
+        reference: ``{parameter: value}`` at which the model is solved once, for shapes
+            to pair by; None to pair by the measured shapes.
+        candidates: Number of the model's lowest modes to choose from; None for twice
+            the number of measured modes.
+        min_mac: MAC below which a pair counts as unpaired; a :class:`FrequencyTerm`
+            then adds a finite penalty.
+        min_gap: Relative difference of two frequencies below which their modes are
+            treated as one subspace.
 
     Raises:
         TypeError: If measurements are not Measurements, or model is not callable.
@@ -165,7 +165,7 @@ class PairedModel:
 
     @property
     def spread(self) -> Differentiate | None:
-        """As ``jacobian``, for the directions in which an emulator is uncertain."""
+        """Like ``jacobian``, for the directions in which an emulator is uncertain."""
         return self._pass_on(read_declared(self.model, "spread"))
 
     __repr__ = show_declared

@@ -19,3 +19,8 @@ def __getattr__(name: str) -> Any:
     from ..extensions import tempering
 
     return tempering.TemperedMove
+
+
+def __dir__() -> list[str]:
+    """Return the public names, for completion also that of the extension."""
+    return [n for n in (*globals(), "TemperedMove") if n.endswith(("Move", "__"))]

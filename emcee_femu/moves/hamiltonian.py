@@ -15,15 +15,15 @@ from .. import checks
 from ..contracts import Floats
 from .proposing import Indices, ProposingMove, check_state, overwrite, refresh
 
-JITTER = 0.2  # of the step size, against trajectories that come back to their start
+JITTER = 0.2  # of the step size, so that trajectories do not return to their start
 # Share of trajectories with steps down to a thirtieth: far from the posterior, in
 # valleys that are narrower than it, no other would be accepted.
 CAREFUL, LEAST_STEP = 0.1, 1 / 30
 # Of the tuning.
 FEWEST_TUNED = 8  # samples
-BEST_ACCEPTANCE = 0.8  # share of proposals at which the step size is best, or nearly so
+BEST_ACCEPTANCE = 0.8  # target acceptance of the step size
 TUNING_ROUNDS = 5  # of trajectories that adjust the step size
-RECORDED = 4  # of those that choose the number of steps
+RECORDED = 4  # trajectories that determine the number of steps
 FIRST_STEP = 0.4  # step size of the first round
 LONGEST = 3.3  # sum of the steps: half a period of the slowest oscillation, if it fits
 MOST_LEAPS = 64  # steps, should the metric fit badly
@@ -234,11 +234,11 @@ class Points(NamedTuple):
         return np.asarray(self.rows[:, 0] - kinetic)
 
     def take(self, chosen: NDArray[np.bool_]) -> "Points":
-        """Return some of them, all if all are chosen."""
+        """Return the chosen walkers; the object itself if all are chosen."""
         return self if chosen.all() else Points._make(part[chosen] for part in self)
 
     def finite(self) -> "Points":
-        """Return those whose position and gradient are finite."""
+        """Return the walkers whose position and gradient are finite."""
         finite = np.isfinite(self.coords + self.gradient)
         return self.take(np.logical_and.reduce(finite, axis=1))
 

@@ -12,9 +12,9 @@ from scipy.special import gammaln
 from .. import checks
 from ..contracts import Floats
 
-GAUSSIAN = 1e6  # degrees of freedom from which a component is one
-MOST_FITTED = 6  # that a fit chooses
-MOST_FIT_DRAWS = 20_000  # more do not make a fit better, only slower
+GAUSSIAN = 1e6  # degrees of freedom above which a component is Gaussian
+MOST_FITTED = 6  # components of a fit
+MOST_FIT_DRAWS = 20_000  # more make a fit slower, not better
 EM_ITERATIONS, EM_TOLERANCE = 300, 1e-5
 PER_PARAMETER = 10  # draws that a component needs
 COVER_WEIGHT = 0.1  # weight of the component that covers gaps between the others

@@ -74,7 +74,7 @@ class ProposingMove(Move):
         yield np.arange(len(coords)), self._guided([], random)
 
     def _guided(self, guides: list[Floats], random: RandomState) -> Propose:
-        """Return what proposes by these guides; emcee's contract names no argument."""
+        """Return the proposal with these guides; emcee's contract is positional."""
         return lambda walkers: self.get_proposal(walkers, guides, random)
 
     def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
@@ -214,7 +214,7 @@ def refresh(
     coords: Floats,
     evaluate: Callable[[Floats], Floats],
 ) -> Floats:
-    """Return what ``evaluate`` finds at all walkers, asked only of those that moved.
+    """Return ``evaluate`` at all walkers, calling it only for those that moved.
 
     Args:
         before: Where the walkers were, ``(n, ndim)``, and what was found there; None at
@@ -246,7 +246,7 @@ def subtract_log_prior(log_prob: Floats, log_prior: Floats) -> Floats:
 
 
 def check_state(state: State) -> None:
-    """Refuse walkers of whole numbers, and those that are all where nothing may be."""
+    """Refuse walkers of integers, and ensembles that are outside the support."""
     coords, log_prob = state.coords, state.log_prob
     if log_prob[0] == -np.inf and (log_prob == -np.inf).all():
         raise ValueError(
@@ -263,7 +263,7 @@ def check_state(state: State) -> None:
 
 
 def _as_code(value: object) -> str:
-    """Return an argument as code; what shows itself as tables by its class alone."""
+    """Return an argument as code; an object that prints tables, by its class."""
     if isinstance(value, np.ndarray):
         return repr(value.tolist())
     tables = type(value).__repr__ is Report.__repr__

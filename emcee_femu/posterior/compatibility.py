@@ -134,7 +134,7 @@ def declare(model: Model, terms: Sequence[Term]) -> Mapping[str, Variable]:
 
 
 def _compare(needed: Variable, returned: Variable) -> str:
-    """Return in which way a variable is not what a term reads, empty if it is."""
+    """Return how a variable differs from what a term reads; empty if it does not."""
     if not returned.stored and not returned.coords:  # of a shape that is not known
         return ""
     if returned.dims != needed.dims:

@@ -72,10 +72,12 @@ class LogPosterior(Report):
         ndim: Number of parameters d.
         terms: The likelihood terms of all experiments.
         variables: All stored variables, ``{name: Variable}``.
-        columns: Where they are in a row, ``{name: slice}``, after "densities".
-        draws: Points ``(n, d)`` that "auto" searches too, those of :func:`emulate`.
-        log_box: Of a box that :meth:`from_function` was given as prior, the natural
-            logarithm of its volume; NaN else.
+        columns: Their positions in a row, ``{name: slice}``, after "densities", the
+            columns before them.
+        draws: Points ``(n, d)`` from which "auto" searches, too; :func:`emulate` sets
+            them.
+        log_box: Natural logarithm of the volume of the box that was given to
+            :meth:`from_function`; NaN otherwise.
 
     Raises:
         TypeError: If model or a term is not callable, prior is not a prior, or a unit
@@ -156,44 +158,44 @@ class LogPosterior(Report):
         args: Sequence[Any] = (),
         kwargs: Mapping[str, Any] | None = None,
     ) -> Self:
-        r"""Return the posterior of a bare log-likelihood, a function as emcee takes it.
+        r"""Return the posterior of a log-likelihood function, such as emcee takes.
 
-        There is neither model nor data: :func:`run`, "auto", :func:`find_map`,
+        Use it to sample a density that has no FE model. :func:`run`, :func:`find_map`,
         :func:`anneal`, :func:`log_evidence`, :func:`compare_moves`, :func:`diagnose`
-        and ArviZ objects do without; tables of measured quantities say that there are
-        none, and :func:`emulate` has no response to learn.
+        and ArviZ objects work as usual. Tables of measured quantities say that there
+        are none, and :func:`emulate` refuses, because there is no response to learn.
 
-        A ``log_probability`` that holds its prior already is given with bounds alone.
-        The samples are then its own, inside of the box. **Its evidence is that of the
-        box**: the integral of ``exp(log_probability)`` over the box, divided by the
-        volume V of the box, since the uniform prior there multiplies it by 1 / V. Add
-        ln V, which :func:`log_evidence` prints, for the integral itself:
+        If your ``log_probability`` already includes the prior, pass it with bounds
+        only; the samples follow it within these bounds. **The evidence is then that of
+        the box**: the integral of ``exp(log_probability)`` over the box, divided by the
+        volume V of the box, because the prior is taken to be uniform there. For the
+        integral itself add ln V, which :func:`log_evidence` prints:
 
         .. math:: \ln \int p(D | \theta) \, p(\theta) \, d\theta = \ln Z + \ln V
 
         Args:
             log_likelihood: A function of ``(d,)`` that returns a number or, with blobs,
-                ``log_likelihood, blob0, ...``; -inf is a likelihood of zero, and no
-                failure, whatever the blobs there. Blobs are numbers, or arrays of one
-                shape each; they are stored as the variables ``blob0``, ``blob1``, ...
-                (of ArviZ objects in the group ``response``). They are known from one
-                evaluation more, at a draw of the prior that is possible. For
-                ``workers=`` it must be a function of a module.
-            prior: Any prior, whose names are those of the array's elements in their
-                order; or ``{name: (low, high)}``, uniform between these bounds.
+                ``log_likelihood, blob0, ...``. -inf means zero likelihood, not a
+                failure; the blobs are then ignored. Each blob is a number or an array
+                whose shape never changes; it is stored as the variable ``blob0``,
+                ``blob1``, ... (in the group ``response`` of ArviZ objects). Their
+                shapes are found by one extra evaluation at a draw of the prior. If you
+                use ``workers``, define the function in a module.
+            prior: Any prior whose names are those of the array's elements, in order; or
+                ``{name: (low, high)}`` for a uniform prior between these bounds.
             vectorize: Whether the function takes all points at once, ``(n, d)``, and
                 returns ``(n,)``, or n rows of a number and blobs.
-            args: Its further arguments, as a tuple.
-            kwargs: The same by name.
+            args: Further positional arguments of the function, as a tuple.
+            kwargs: Further keyword arguments of the function, by name.
 
         Returns:
             The posterior; its one term is called "density".
 
         Raises:
-            TypeError: If an argument is of a wrong type, or a log-likelihood or a blob
-                is no number.
-            ValueError: If the function returns more than one number for a point, or it
-                is finite at none of 256 draws of the prior.
+            TypeError: If an argument has the wrong type, or a log-likelihood or a blob
+                is not a number.
+            ValueError: If the function returns more than one number for a point, or is
+                not finite at any of 256 draws of the prior.
 
         Examples:
             >>> import emcee_femu as ef
@@ -294,7 +296,7 @@ class LogPosterior(Report):
         return dict(zip(self.prior.names, theta.T, strict=True))
 
     def split(self, stacked: Floats) -> tuple[slice, slice, slice]:
-        """Return the columns of rows, r and sd in what "deviations" stacks."""
+        """Return the slices of rows, r and sd in what "deviations" stacks."""
         middle = (self.row_size + stacked.shape[-1]) // 2
         return slice(self.row_size), slice(self.row_size, middle), slice(middle, None)
 
@@ -397,7 +399,7 @@ class LogPosterior(Report):
     def _gather(
         self, theta: Floats, log_prior: Floats, solved: Sequence[Solved]
     ) -> Floats:
-        """Return the rows from what experiments returned; refuse NaN and infinity."""
+        """Assemble the rows from what experiments return; refuse NaN and infinity."""
         values = [value for part in solved for value in part.log_likelihoods]
         stored = [value for part in solved for value in part.stored]
         total = sum(values, start=log_prior)

@@ -23,7 +23,7 @@ FEWEST_RESAMPLED, COPIES = 4_000, 40
 
 
 def is_arviz(source: object) -> bool:
-    """Return whether something is an ArviZ object."""
+    """Return whether an object is one of ArviZ."""
     return hasattr(source, "children") or hasattr(source, "groups")
 
 
@@ -38,7 +38,7 @@ def wrap(datasets: Mapping[str, Dataset]) -> InferenceData:
 
 
 def dataset(idata: InferenceData, group: str) -> Dataset:
-    """Return a group as an xarray Dataset, whatever ArviZ made of it.
+    """Return a group as an xarray Dataset, for any version of ArviZ.
 
     Weighted draws, which :func:`certify` makes, are repeated as their weights say:
     what reads a group here shows the corrected posterior.
@@ -69,7 +69,7 @@ def dataset(idata: InferenceData, group: str) -> Dataset:
 
 
 def prior_constants(idata: InferenceData, names: Sequence[str]) -> Dataset:
-    """Return what is known of the prior by parameter, NaN where there is none."""
+    """Return the known constants of the prior, NaN if unknown."""
     import xarray
 
     try:
@@ -81,7 +81,7 @@ def prior_constants(idata: InferenceData, names: Sequence[str]) -> Dataset:
 
 
 def prior_draws(idata: InferenceData, names: Sequence[str]) -> Floats:
-    """Return draws of the prior ``(n, d)``, NaN of what has none."""
+    """Return draws of the prior ``(n, d)``; NaN for names without a prior."""
     prior = groups(idata).get("prior")
     if prior is None or not prior.sizes["chain"]:  # chains were selected
         return np.full((1, len(names)), np.nan)
@@ -96,7 +96,7 @@ def groups(idata: InferenceData) -> dict[str, Dataset]:
 
 
 def describe_certificate(idata: InferenceData) -> str:
-    """Return what :func:`certify` said, as a title has it; an empty string without."""
+    """Return the verdict of :func:`certify` for a title; empty if there is none."""
     text = dataset(idata, "posterior").attrs.get("certificate", "")
     return f" ({text})" if text else ""
 
@@ -147,7 +147,7 @@ def samples(
 
 
 def unit_of(idata: InferenceData, name: str) -> str:
-    """Return the unit of a variable of the posterior; an empty string without.
+    """Return the unit of a variable of the posterior; empty if it has none.
 
     xarray hands the unit of a parameter on to all that is computed from it, ratios too:
     a derived quantity has a unit only if it is none of those of the parameters.
@@ -161,6 +161,6 @@ def unit_of(idata: InferenceData, name: str) -> str:
 
 
 def original_name(name: str, known: Iterable[object]) -> str:
-    """Return which of the ``known`` names a name is, or is with brackets; else it."""
+    """Return the ``known`` name that a name, perhaps with brackets, stands for."""
     candidates = [str(k) for k in known if f"{name}[".startswith(f"{k}[")]
     return max(candidates, key=len, default=name)

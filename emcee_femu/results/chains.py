@@ -42,9 +42,9 @@ def read_chains(
     hot: bool = False,
     argument: str = "source",
 ) -> Chains:
-    """Return the chains of whatever holds some.
+    """Return the chains of any source that holds some.
 
-    Ensembles of different lengths, as in the file of a run that still goes on, are cut
+    Ensembles of different lengths, as in the file of an unfinished run, are cut
     to the shortest.
 
     Args:
@@ -119,7 +119,7 @@ def read_chains(
 
 
 def _sampled_by(sampler: object) -> LogPosterior | None:
-    """Return the posterior of an emcee sampler, None where it is of something else."""
+    """Return the LogPosterior that an emcee sampler samples, or None."""
     if isinstance(sampler, Sampler):
         return sampler.evaluator.posterior
     if isinstance(sampler, emcee.EnsembleSampler):
@@ -148,7 +148,7 @@ def _of_file(
     discard: int,
     read: Callable[[Sequence[Backend], Floats], Chains],
 ) -> Chains:
-    """Return the chains in the file of a run, which may still go on."""
+    """Return the chains in the file of a run, finished or not."""
     manifest, search = store["manifest"], store["search"]
     streams = [stream for stream in sorted(store.lengths()) if stream > 0]
     if not streams:

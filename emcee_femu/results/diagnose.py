@@ -44,9 +44,9 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
 
     Args:
         source: The result of :func:`run`, :func:`anneal` or :func:`certify`, the
-            EnsembleSamplers of one target, the name of a run's file, or an ArviZ
-            object made from any of these. The steps of an ArviZ object are those left
-            after its own ``discard`` and ``thin``.
+            emcee samplers of one posterior, the name of a run's file, or an ArviZ
+            object made from any of these, whose steps are those left after its own
+            ``discard`` and ``thin``.
         discard: Number of stored steps to drop as burn-in.
 
     Returns:
@@ -131,5 +131,6 @@ def judge_without_chains(source: Any, chains: Chains) -> tuple[Statement, Statem
     else:
         certificate = dataset(source, "certificate").attrs
         words = f"draws weighted by full solves. {certificate['verdict']}"
-        search = Statement(**json.loads(certificate["search"]))
+        told = json.loads(certificate["search"])
+        search = Statement(**told | {"reasons": tuple(told.get("reasons", ()))})
     return Statement(NO_CHAINS, NO_CHAINS, f"{NO_CHAINS}, but {words}"), search

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import stats
 
 from ..contracts import Floats
-from ..sampling.anneal import Annealed
+from ..sampling.anneal import Annealed, about_box
 from ..sampling.importance import bridge
 from ..sampling.judge import autocorrelation_time, check_length
 from ..sampling.record import Chains
@@ -51,11 +51,7 @@ class Evidence(Report):
         yield f"log evidence (natural) {self.log_evidence:.4f} {error}, {self.method}"
         for problem in self.problems:
             yield f"{problem[:1].upper()}{problem[1:]}."
-        if np.isfinite(self.log_box):
-            yield (
-                "The prior is uniform in the box. For the integral of a function that "
-                f"holds its prior already add {self.log_box:.4f}, ln of its volume."
-            )
+        yield from about_box(self.log_box)
         if self.failed_solves:
             meaning = (
                 "it is for the solvable part of the prior; for the whole prior add "
@@ -200,7 +196,7 @@ def _bridge(
 
 
 def _climb_ladder(chains: Chains) -> tuple[float, float, tuple[str, ...], Floats]:
-    """Return the log evidence along betas, its error, what forbids it, overlaps."""
+    """Return the log evidence along betas, its error, its problems, and overlaps."""
     betas, blobs = chains.betas, chains.blobs
     if betas[-1] != 0 or blobs is None:
         raise ValueError(

@@ -91,7 +91,7 @@ def judge_fit(source: InferenceData, chains: Chains, discard: int) -> Statement:
 
 
 def _read(source: InferenceData, chains: Chains, discard: int) -> InferenceData | None:
-    """Return samples with their response, None where nothing is known of it."""
+    """Return samples and their response; None for a response that is unknown."""
     if is_arviz(source):
         return source.isel(draw=slice(discard, None)) if discard else source
     if chains.posterior is None:
@@ -120,12 +120,12 @@ def _find_swaps(chains: Chains) -> Iterator[str]:
 
 
 def _recall(chains: Chains) -> list[str]:
-    """Return the warnings before the run, which its file keeps."""
+    """Return the warnings given before the run, from its record or file."""
     return [f"Before the run: {doubt.rstrip('.?')}?" for doubt in chains.doubts]
 
 
 def _outvoted(posterior: LogPosterior | None, missed: Collection[str]) -> Iterator[str]:
-    """Name terms that do not fit, and those with far more values that outvote them.
+    """Name terms that do not fit, and the larger terms that outvote them.
 
     These infer their own error, and so may claim as much as they like.
     """

@@ -140,7 +140,7 @@ class Identifiability(Report):
         return (*first, *pressed, *small, *doubts)
 
     def _find_unknown(self) -> list[str]:
-        """Name what the data leave open, and what they determine all the same."""
+        """Name what the data leave open, and what they determine nevertheless."""
         names, correlation = self.names, self.correlation
         together = np.triu(np.abs(correlation) > TOGETHER, 1)
         uninformed = np.flatnonzero(self.sd_ratio > UNINFORMED)
@@ -334,7 +334,7 @@ def identifiability(idata: object) -> Identifiability:
 
 
 def describe_samples(idata: InferenceData, fitted: bool = True) -> Identifiability:
-    """Return what samples say; no sensitivities where none are to be fitted."""
+    """Describe samples; without ``fitted``, no sensitivities are computed."""
     names, chains = samples(idata)
     draws = chains.reshape(-1, len(names))
     constants = dataset(idata, "constant_data")
@@ -374,11 +374,11 @@ def describe_samples(idata: InferenceData, fitted: bool = True) -> Identifiabili
 
 
 def _describe_maximum(maxima: FoundMap) -> Identifiability:
-    """Return what the Gaussian about the heaviest maximum says."""
+    """Describe the Gaussian at the heaviest maximum."""
     posterior, best = maxima.posterior, maxima.maxima[0]
     bounds = posterior.prior.bounds
     prior_mean, prior_sd = summarize_prior(posterior.prior)
-    gaussian = best.theta, best.covariance, *bounds.T
+    gaussian = *best.gaussian, *bounds.T
     mean, covariance = moments_inside(*gaussian)
     draws, log_weights = draw_inside(*gaussian)
     is_error = np.isin(posterior.names, posterior.error_names)
@@ -444,7 +444,7 @@ def _shares_at_bounds(
 
 
 def _add(text: str, factor: float, name: str, spec: str = ".3g") -> str:
-    """Return a sum of multiples of parameters with one more."""
+    """Add one more multiple of a parameter to a sum in words."""
     if not text:
         return f"{factor:{spec}} {name}"
     return f"{text} {'+' if factor > 0 else '-'} {abs(factor):{spec}} {name}"

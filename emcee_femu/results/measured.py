@@ -1,6 +1,6 @@
-"""What was measured, and what an ArviZ object holds at the same places.
+"""Measured variables, and the predictions of an ArviZ object at the same places.
 
-And the mode shapes of a model at one parameter set, paired with the measured ones.
+Also the mode shapes of a model at one parameter set, paired with the measured ones.
 """
 
 from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -36,9 +36,9 @@ class Measured:
         dims: Its dimensions in words, such as ``"mode"``.
         labels: One label per place, such as ``"3"`` or ``"left, 3"``.
         values: What was measured there, ``(m,)``.
-        initial: What the model says at the prior mean, ``(m,)``; NaN where not known.
-        predicted: What it says at the samples, ``(n, m)``.
-        replicated: New measurements ``(n, m)``, None where no term draws them.
+        initial: The model's values at the prior mean, ``(m,)``; NaN if unknown.
+        predicted: Its values at the samples, ``(n, m)``.
+        replicated: New measurements ``(n, m)``; None if no term draws them.
         mac: MAC ``(n, m)`` of paired modes, if it is their frequency; else None.
         model_mode: The model's modes paired with them, ``(n, m)``, or None.
     """
@@ -54,6 +54,11 @@ class Measured:
     replicated: Floats | None
     mac: Floats | None
     model_mode: Floats | None
+
+    @property
+    def quantity(self) -> str:
+        """Its name without that of the experiment."""
+        return self.name.rpartition(".")[2]
 
     def sd(self, posterior: LogPosterior | None) -> Floats:
         """Return the standard deviations of the measurement, NaN where unknown."""
@@ -190,7 +195,7 @@ def gather_by_terms(
 
 
 def _side_by_side(parts: Mapping[str, Labelled], lead: int) -> Labelled:
-    """Return every number of the parts along one dimension, by labels."""
+    """Concatenate all parts along one labelled dimension."""
     labels = [
         f"{name}[{', '.join(map(str, place))}]" if place else name
         for name, part in parts.items()
@@ -201,7 +206,7 @@ def _side_by_side(parts: Mapping[str, Labelled], lead: int) -> Labelled:
 
 
 def gather_observed(posterior: LogPosterior) -> dict[str, Labelled]:
-    """Return what was measured, by variable; a second time by the term's name too."""
+    """Return measured values by variable, repeated ones with their term's name."""
     names = _name_measured(posterior)
     return {
         names[experiment.full_name(name), variable]: _label(
@@ -226,10 +231,9 @@ def _name_measured(posterior: LogPosterior) -> dict[tuple[str, str], str]:
 def _label(
     experiment: Experiment, term: Term, name: str, values: Floats, *lead: int
 ) -> Labelled:
-    """Return what a term says with its dimensions; its first axis becomes the leading.
+    """Label what a term returns by its dimensions, and split its first axis.
 
-    Where a term knows but the places, or fewer of them, the labels are those of the
-    response.
+    If the term has no labels, or fewer, those of the response are used.
     """
     returned = experiment.variables.get(name)
     variable = (term.reads or {}).get(name) or returned or ONE_NUMBER
@@ -250,7 +254,7 @@ class ModeShapes:
     Attributes:
         frequencies: In Hz, ``(q,)``.
         shapes: At all DOFs that the model returns, ``(n_dof, q)``.
-        dofs: The labels of these DOFs; their numbers where the model does not tell.
+        dofs: The labels of these DOFs; their numbers if the model has no labels.
         complete: Whether these are all the DOFs that the model has.
     """
 
@@ -269,9 +273,9 @@ class PairedShapes(ModeShapes):
         hertz: Measured frequencies, ``(m,)``.
         sensors: The DOF of each sensor, or its name where that is not known.
         chosen: The model's mode that is paired with each, from 0, ``(m,)``.
-        paired: Its shape at the sensors, ``(n_sensors, m)``; of close modes that which
-            they span nearest to the measured one.
-        shared: Whether it is that of close modes, ``(m,)``.
+        paired: Its shape at the sensors, ``(n_sensors, m)``; for close modes, the
+            combination of their shapes that is nearest to the measured one.
+        shared: Whether it is such a combination, ``(m,)``.
         mac: Measured modes against the model's, ``(m, q)``.
     """
 

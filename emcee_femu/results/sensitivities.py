@@ -44,9 +44,9 @@ def fit_sensitivities(
 
 
 def by_mode(response: Mapping[str, Floats]) -> tuple[tuple[str, ...], Floats]:
-    """Return the modes of all experiments, in words, and ln of eigenvalues ``(n, m)``.
+    """Return labels and ln of eigenvalues ``(n, m)`` of all experiments' modes.
 
-    Rigid-body modes have none: not finite.
+    Those of rigid-body modes are not finite.
     """
     labels: list[str] = []
     columns = [np.empty((len(values), 0)) for values in response.values()][:1]

@@ -130,7 +130,7 @@ def read_samples(
 ) -> tuple[InferenceData, LogPosterior | None]:
     """Return the ArviZ object of any source of samples, and its posterior if known.
 
-    Tables and figures read nothing else.
+    All tables and figures read samples through it.
     """
     if not is_arviz(source):
         chains = read_chains(
@@ -205,7 +205,7 @@ def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
 
 
 def pick_some(measurements: Dataset, weights: Floats | None = None) -> Dataset:
-    """Return draws of new measurements as one chain, few enough for ArviZ to draw."""
+    """Thin draws of new measurements to one chain that ArviZ can plot quickly."""
     import xarray
 
     n, chains = measurements.sizes["draw"], measurements.sizes["chain"]
@@ -301,7 +301,7 @@ def _rows(chains: Chains, posterior: LogPosterior) -> Floats:
 
 
 def _attributes_of(chains: Chains) -> dict[str, Any]:
-    """Return what chains know of themselves, as attributes that netCDF can hold."""
+    """Return facts about the chains as attributes that netCDF can store."""
     search = None if chains.search is None else chains.search.to_json()
     if search is not None and search["surface"] is not None:
         search["surface"]["coefficients"] = []  # as many numbers as draws
@@ -316,7 +316,7 @@ def _attributes_of(chains: Chains) -> dict[str, Any]:
 def _fixed_groups(
     posterior: LogPosterior, attributes: Mapping[str, object], initial: Floats
 ) -> dict[str, Dataset]:
-    """Return prior draws, what was measured, and constants."""
+    """Return the groups of prior draws, measurements and constants."""
     prior = posterior.prior
     mean, sd = summarize_prior(prior)
     by_parameter: dict[str, Any] = {

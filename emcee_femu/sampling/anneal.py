@@ -6,7 +6,7 @@ accidents, which made the evidence 1.3 too large in ten dimensions.
 """
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from os import PathLike
@@ -128,6 +128,7 @@ class Annealed(Report):
         yield self.table
         yield f"log evidence (natural) {self.log_evidence:.3f} {error}"
         yield from (f"{text[:1].upper()}{text[1:]}." for text in self.problems)
+        yield from about_box(self.log_box)
         yield (
             f"{len(self.sweeps)} powers of the likelihood, {self.solves} solves, "
             f"{100 * self.acceptance.min():.0f} to {100 * self.acceptance.max():.0f} % "
@@ -138,6 +139,15 @@ class Annealed(Report):
                 f"{self.failed_solves} solves failed: the evidence takes the "
                 "likelihood for zero there"
             )
+
+
+def about_box(log_box: float) -> Iterator[str]:
+    """Say of what a bare log-probability's evidence is, if there is a box."""
+    if np.isfinite(log_box):
+        yield (
+            "The prior is uniform in the box. For the integral of a function that "
+            f"holds its prior already add {log_box:.4f}, ln of its volume."
+        )
 
 
 def anneal(

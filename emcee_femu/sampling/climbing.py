@@ -59,6 +59,8 @@ class Maximum:
             For a parameter at a bound, the spread of the exponential that falls off
             from it. NaN without a maximum.
         log_evidence: Laplace's log evidence inside the bounds; -inf without a maximum.
+        slopes: Slope of the log-posterior at a bound from which it falls, else zero,
+            ``(d,)``.
         at_bound: Which parameters are at a bound, ``(d,)``.
         converged: Whether less than 1e-3 of log-posterior remains to be gained, or
             0.045 standard deviations; 0.1 if no step gains, as at a kink.
@@ -68,6 +70,7 @@ class Maximum:
     theta: Floats
     row: Floats
     covariance: Floats
+    slopes: Floats
     log_evidence: float
     at_bound: NDArray[np.bool_]
     converged: bool
@@ -77,6 +80,18 @@ class Maximum:
     def log_posterior(self) -> float:
         """The log-posterior at the maximum."""
         return float(self.row[0])
+
+    @property
+    def gaussian(self) -> tuple[Floats, Floats]:
+        """Mean and covariance of the Gaussian that fits the density inside the bounds.
+
+        Its mean is out of bounds if the density falls from one.
+        """
+        if not self.slopes.any():
+            return self.theta, self.covariance
+        curvature = np.linalg.inv(self.covariance) - np.diag(self.slopes**2)
+        covariance = np.linalg.inv(curvature)
+        return self.theta + covariance @ self.slopes, covariance
 
 
 class Local(NamedTuple):
@@ -424,12 +439,14 @@ class _Space:
             local = self._find_mass(ascent, masses)
         at_bound = (local.point[:, None] == self.box).any(axis=1)
         covariance, log_evidence = np.full((len(self.scale),) * 2, np.nan), -np.inf
+        slopes = np.zeros(len(self.scale))
         if local.usable:
-            covariance, log_evidence = self._laplace(local, ascent)
+            covariance, slopes, log_evidence = self._laplace(local, ascent)
         return Maximum(
             theta=np.clip(local.point * self.scale, *self.coordinates.bounds.T),
             row=local.row,
             covariance=covariance,
+            slopes=slopes,
             log_evidence=log_evidence,
             at_bound=at_bound,
             converged=ascent.converged,
@@ -438,7 +455,7 @@ class _Space:
 
     def _find_mass(self, ascent: Climb, masses: bool) -> Local:
         """Return the point of the largest evidence on the way to a spike."""
-        evidences = np.array([self._laplace(one, ascent)[1] for one in ascent.way])
+        evidences = np.array([self._laplace(one, ascent)[2] for one in ascent.way])
         if masses and evidences.size and evidences[-1] < evidences.max() - VANISHING:
             return ascent.way[int(evidences.argmax())]
         theta = self.coordinates.inside(ascent.local.point[None] * self.scale)
@@ -451,8 +468,8 @@ class _Space:
             "its known errors"
         )
 
-    def _laplace(self, local: Local, ascent: Climb) -> tuple[Floats, float]:
-        """Return covariance and log evidence by the quadratic about a point."""
+    def _laplace(self, local: Local, ascent: Climb) -> tuple[Floats, Floats, float]:
+        """Return covariance, slopes at bounds and log evidence about a point."""
         curvature = make_positive(local.curvature)
         # A density that falls from a bound with slope g is an exponential of sd
         # 1 / |g|: g^2 counts as curvature there.
@@ -468,7 +485,7 @@ class _Space:
         seen = local.gradient if ascent.ended == ARRIVED else slopes
         log_evidence = log_integral(seen, curvature, *room)
         log_evidence += local.value + np.log(self.scale).sum()
-        return covariance, log_evidence
+        return covariance, slopes / self.scale, log_evidence
 
 
 def _bend(before: Local, here: Local) -> Floats:

@@ -108,7 +108,7 @@ class FoundMap(Report):
         ]
         for number, maximum in enumerate(self.maxima[:SHOWN_MAXIMA], 1):
             columns.append((f"maximum {number}", ".5g", maximum.theta))
-            inside = moments_inside(maximum.theta, maximum.covariance, *bounds)[1]
+            inside = moments_inside(*maximum.gaussian, *bounds)[1]
             columns.append((f"sd {number}", ".3g", np.sqrt(np.diag(inside))))
         return Table.from_columns("Maxima of the posterior", columns)
 

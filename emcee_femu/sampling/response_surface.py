@@ -26,6 +26,7 @@ from .proposals import cover, uncover
 
 MOST_TERMS, DEGREES = 500, range(1, 5)  # of polynomials: cubic for 9 to 12 parameters
 SOLVES_PER_TERM = 2  # solves of the first fit
+MOST_FIRST_DRAWS = 5  # times so many draws, if most are out of bounds or fail
 SURFACE_ROUNDS, SURFACE_SOLVES = 5, 600  # fits after it, and solves for each
 # Solves at most.
 LEARNED = SOLVES_PER_TERM * MOST_TERMS + SURFACE_ROUNDS * SURFACE_SOLVES
@@ -175,10 +176,18 @@ def learn_surface(
         stacked = evaluator.stack(theta, "deviations")
         return np.hstack([stacked[:, :2], stacked[:, width:]])
 
-    theta = mixture.draw(rng, SOLVES_PER_TERM * comb(d + degree, degree))
-    theta = theta[np.isfinite(prior.logpdf(theta))]
-    parts = np.array_split(theta, -(-len(theta) // SURFACE_SOLVES))
-    solved = np.vstack([solve(part) for part in parts])
+    terms, points, values = comb(d + degree, degree), [], []
+    for _ in range(MOST_FIRST_DRAWS):
+        drawn = mixture.draw(rng, SOLVES_PER_TERM * terms)
+        drawn = drawn[np.isfinite(prior.logpdf(drawn))]
+        for part in np.array_split(drawn, 1 + len(drawn) // SURFACE_SOLVES):
+            points.append(part)
+            values.append(solve(part))
+        theta, solved = np.vstack(points), np.vstack(values)
+        if np.isfinite(solved).all(axis=1).sum() > terms:
+            break
+    else:  # polynomials through every point say nothing of their error
+        return None
     for _ in range(SURFACE_ROUNDS):
         surface = fit_surface(prior, theta, solved, degree)
         walkers = _walk(surface, mixture, rng, 1)
@@ -186,9 +195,9 @@ def learn_surface(
         solved = np.vstack([solved, solve(np.vstack(walkers))])
     surface = fit_surface(prior, theta, solved, degree)
     for _ in range(FITS):
-        drawn = _walk(surface, mixture, rng, SURFACE_KEPT)
+        walked = _walk(surface, mixture, rng, SURFACE_KEPT)
         try:
-            fits = [Mixture.fit(x, "auto", DF) for x in drawn]
+            fits = [Mixture.fit(x, "auto", DF) for x in walked]
         except ValueError:  # nearly all walkers are at one place, or far from any solve
             return None
         # Without their own wide components, which would join separate modes.

@@ -84,111 +84,95 @@ def run(
     max_failures: float = 0.2,
     probe_tolerance: float = 1e-6,
 ) -> Run:
-    """Sample the posterior with emcee; the same seed gives the same chain, to the bit.
+    """Sample a posterior with emcee, from the search for its maxima to the verdict.
 
-    The first solve is at the prior mean. Where it is further than three times from all
-    that was measured of a variable, and so are some draws of the prior, a warning names
-    both numbers: units are the usual cause.
+    ``run(posterior, seed=1)`` is enough for most problems: it searches for the
+    maxima of the posterior, fits a proposal to them, samples, and stops when
+    :func:`diagnose` calls the chains converged. Use it if a solve takes less than
+    about a second. For slower models, :func:`emulate` the posterior first.
+
+    The result is the same to the bit for the same seed, with or without
+    ``workers``, and if the run was stopped and resumed. Cost: some 5,000 to 20,000
+    solves, never more than ``solves``. With ``steps``, the chain takes ``ensembles
+    * nwalkers * steps * thin_by`` solves, and the search of "auto" at most twice as
+    many or 30,000. A warning announces runs of more than ten minutes.
 
     Args:
-        posterior: What to sample.
-        moves: An emcee move, or a list of ``(move, weight)``; ``DEMCMove()`` is the
-            paper's. Every ensemble has a copy of its own. "auto" searches for the
-            modes, with a fifth as many evaluations as the chain takes but at least
-            1,000, refines an :class:`IndependenceMove` by
-            importance weights, with 1,500 to some 10,000 evaluations more, and samples
-            with it and DE-MC. Where that fits badly, and all terms are Gaussian,
-            polynomials of the response are fitted to some 4,000 solves more and screen
-            its proposals; or a :class:`~.moves.HamiltonianMove` is taken. All this
-            takes at most twice as many evaluations as the chain, or 30,000 before a
-            short one; that number and the seconds by the first solve are logged (logger
-            "emcee_femu") and head the bar of ``progress``. The stored chain starts
-            after that; ``run.search`` has what was found, and prints it.
-        nwalkers: Walkers per ensemble; None for 4 per parameter, at least 16, or
-            without ``steps`` for 2 per parameter, at least 8; as many for
-            each temperature of a :class:`~.moves.TemperedMove`.
-        steps: Stored steps; ``steps * thin_by`` generations are run. None: the run ends
-            by its own verdict, as soon as :func:`diagnose` calls the chains converged,
-            ``ess`` is reached and standard deviations are known to 7 %, or when
-            ``solves`` are spent.
-        ess: Effective sample size, bulk and tail, that every parameter needs before a
-            run without ``steps`` ends.
-        solves: Solves that a run without ``steps`` may take, its search included.
-        ensembles: Independent ensembles, each with its own start and random stream.
-            Four from over-dispersed starts are what R-hat needs to see a missed mode.
+        posterior: The :class:`LogPosterior` to sample.
+        moves: "auto" for the search and the proposal fitted by it (the page "What
+            auto does" explains them); an emcee move, such as ``DEMCMove()``, which
+            is the paper's; or a list of ``(move, weight)``. Each ensemble has its
+            own copy.
+        nwalkers: Walkers per ensemble. Default: 2 per parameter and at least 8 if
+            the run ends by its verdict; 4 per parameter and at least 16 if
+            ``steps`` is given. A :class:`~.moves.TemperedMove` has so many at each
+            temperature.
+        steps: Number of stored steps. None to stop as soon as the chains have
+            converged, every parameter has ``ess`` effective samples and standard
+            deviations are known to 7 %.
+        ess: Effective sample size (bulk and tail) at which a run without ``steps``
+            stops.
+        solves: Maximum number of solves, search included, if ``steps`` is None.
+        ensembles: Number of independent ensembles, each with its own starts and
+            random stream. Four are what R-hat needs to show that one of them missed
+            a mode.
         seed: A whole number.
-        workers: Number of processes to start for the evaluations, and to end with the
-            run; None for none. They pay from about a millisecond per solve on, with one
-            thread each for linear algebra (``OMP_NUM_THREADS=1``, set before Python
-            starts). ``ensembles * nwalkers / 2`` of them are of use to most moves.
-            On Linux they are forked, which works from scripts without a guard and from
-            notebooks. ``multiprocessing.set_start_method("spawn")`` is for solvers that
-            do not survive a fork (some with threads or a GPU). A script then needs
-            ``if __name__ == "__main__":``, and a model that is defined in a notebook
-            needs cloudpickle, of the extra ``notebooks``. So it is on macOS and
-            Windows, and on Linux with Python 3.14, whose default is forkserver, if the
-            script made processes of its own before without setting "fork".
-        pool: Where to evaluate instead, one walker per task: whatever
-            :class:`EvaluationPool` takes, such as a ``ProcessPoolExecutor`` or a dask
-            ``Client``; or an EvaluationPool of your own.
-        backend: None to keep the chain in memory, the name of a file, such as
-            "run.chain", or one emcee backend per ensemble. A kill at any moment leaves
-            the file usable, and :func:`diagnose`, :func:`to_inference_data` and others
-            read it by its name, also while the run goes on.
-        thin_by: Store every ``thin_by``-th generation.
-        progress: Whether to show how far search and steps are: by a bar on a terminal
-            (needs tqdm) and in notebooks (needs ipywidgets too), elsewhere by a line at
-            each tenth; None for on a terminal only, "notebook" for that bar.
-        starts: Starting positions ``(ensembles, nwalkers, ndim)``, of one ensemble
-            ``(nwalkers, ndim)`` too; None for draws from the prior. "auto" takes them
-            for points of its search, and starts from draws of its proposal.
-        resume: Whether to go on with the file ``backend``, if there is one, until every
-            ensemble has ``steps`` steps; the chain is that of a run that was never
-            stopped, to the bit, the search of "auto" too. What else was asked for must
-            be as it was: the file knows data, prior, moves and settings; and 16 stored
-            points, spread over it, are evaluated again, which tells a changed model.
-            Where there is no file a new run begins, so a script may always say
-            ``resume=True``.
-        on_failure: What an exception, a time-out, NaN or a wrong number of modes of a
-            solve does: "raise" to stop with the parameters by name, "reject" to take
-            the posterior for zero there, count the cause and log it (logger
-            "emcee_femu"); ``run.failures`` and ``diagnose`` report them, and
-            starts from the prior that cannot be solved are drawn again. A stored run
-            may go on with the other of the two.
-        max_failures: Fraction of the evaluations, of at least 100, above which
-            "reject" stops the run: a posterior with such holes is another one.
-        probe_tolerance: Relative difference above which a stored value that is
-            evaluated again counts as another.
+        workers: Number of worker processes for the solves; None for none. They save
+            time if a solve takes more than a millisecond. Most moves can use up to
+            ``ensembles * nwalkers / 2``. Set ``OMP_NUM_THREADS=1``; on macOS and
+            Windows, use ``if __name__ == "__main__":``.
+        pool: Where to solve instead: a ``concurrent.futures`` executor, a dask
+            ``Client``, or whatever else :class:`EvaluationPool` takes.
+        backend: File in which every step is stored, such as "run.chain"; None to
+            keep the chain in memory. :func:`diagnose` and :func:`to_inference_data`
+            read the file by its name, even while the run is going on. Or one emcee
+            backend per ensemble.
+        thin_by: Store only every ``thin_by``-th step.
+        progress: Whether to show a progress bar (in notebooks with ipywidgets), or
+            a line at every tenth elsewhere. None: on terminals and in notebooks.
+            "notebook": the notebook's bar.
+        starts: Starting positions ``(ensembles, nwalkers, ndim)``, or ``(nwalkers,
+            ndim)`` for one ensemble. Default: draws from the prior. "auto" searches
+            from them, and starts the chain from draws of its proposal.
+        resume: Whether to continue from the file ``backend``; without a file, a new
+            run begins. Posterior, moves, walkers, ensembles, seed and starts must be
+            unchanged: 16 stored points are solved again to detect a changed model.
+        on_failure: "raise" to stop at the first solve that fails (an exception, a
+            time-out, NaN or a wrong number of modes); "reject" to treat the
+            posterior as zero there. Failures are counted by cause in
+            ``run.failures``.
+        max_failures: Fraction of failed solves above which "reject" stops.
+        probe_tolerance: Relative difference between a stored and a repeated solve
+            above which the model is considered changed.
 
     Returns:
-        The run: a sequence of emcee's samplers, one per ensemble, which also knows
-        what was sampled and found.
+        The run: a sequence of emcee samplers, one per ensemble, for all tables,
+        figures and :func:`report`. ``run.search`` is what "auto" found, and
+        ``run.stopped`` why the run ended.
 
     Raises:
-        TypeError: If a count is not a whole number, a move cannot be copied, or
-            posterior is not a LogPosterior, or cannot be pickled for the processes of a
-            pool.
-        ValueError: If the moves do not fit the ensemble, a start is out of
-            bounds or has no finite log-posterior, a backend already holds steps, a
-            file is not that of the same run, or workers and pool are both asked for.
-            All are raised before sampling.
+        TypeError: If posterior is not a LogPosterior or cannot be sent to the
+            workers, a count is not a whole number, or a move cannot be copied.
+        ValueError: If the moves do not fit the ensemble, a start is out of bounds
+            or has no finite log-posterior, the file is that of another run, a
+            backend already holds steps, or a move remembers more than its
+            ``state()``.
         ImportError: If progress is "notebook" and ipywidgets is not installed.
-        RuntimeError: If there are fewer walkers than twice the parameters and the move
-            is without ``live_dangerously=True``; too many solves failed, or a worker
-            died. An exception during sampling has the run so far, as its attribute
-            ``run``. So does the ValueError by which a move is refused that remembers
-            more than its ``state()`` (see ``emcee_femu.contracts``), while the chain
-            is stored in a file.
-        UserWarning: If the model at the prior mean is that far off, its frequencies
-            are in another order than the measured ones, or the mean is out of bounds;
-            if the prior mean of an inferred error is above 30 %, or the sd of a prior
-            below 1e-4 of its mean; if the model is the same at all draws of the prior.
+        RuntimeError: If there are fewer walkers than twice the parameters, too many
+            solves failed, or a worker died. After an error during sampling, its
+            attribute ``run`` has the samples so far.
+        UserWarning: If the predictions at the prior mean are off by more than a
+            factor of 3 (units?), the frequencies are in another order than the
+            measured ones, the prior looks wrong, or the model ignores its
+            parameters.
+
+    Source: D. Foreman-Mackey et al. (2013), emcee, doi:10.1086/670067; Sherri,
+    Boulkaibet, Marwala and Friswell, whose DE-MC algorithm is :class:`DEMCMove`.
 
     Examples:
         >>> import emcee_femu as ef
         >>> posterior = ef.paper.mass_spring().posterior
-        >>> move = ef.DEMCMove()
-        >>> run = ef.run(posterior, move, nwalkers=20, steps=100, ensembles=2, seed=1)
+        >>> run = ef.run(posterior, ef.DEMCMove(), 20, 100, ensembles=2, seed=1)
         >>> [sampler.get_chain().shape for sampler in run]
         [(100, 20, 5), (100, 20, 5)]
     """

@@ -73,13 +73,20 @@ class Cures(NamedTuple):
     steps: str
     ensembles: str
     search: str
+    stuck: str
 
 
-OF_RUN = Cures("run steps={:,}", "run ensembles=4", 'run(posterior, "auto")')
+OF_RUN = Cures(
+    "run steps={:,}",
+    "run ensembles=4",
+    'run(posterior, "auto")',
+    "look at starts and at failed solves",
+)
 OF_EMCEE = Cures(
     "run {:,} steps",
     "diagnose four samplers, each from starts of its own",
     "run(LogPosterior.from_function(...), seed=1)",
+    "look at their starts",
 )
 NOT_JUDGED = Statement("not judged", "not judged", "not judged.")
 
@@ -124,7 +131,7 @@ class Diagnosis(Report):
             "doubtful" (they do, but parameters are far from their prior, or there were
             warnings about the model or the prior), "at a bound", "does not fit" or "not
             checked".
-        plain: Whether it is of emcee alone, whose user has no LogPosterior to run.
+        plain: Whether the samplers are emcee's own, without a LogPosterior.
         stopped: Why the run ended: "converged", "solves" or "steps"; empty if unknown.
     """
 
@@ -293,7 +300,7 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
     """Yield what speaks against the chains, the plainest first."""
     names, stuck, modes = diagnosis.names, diagnosis.stuck, diagnosis.modes
     places = f"(ensemble, walker): {list(stuck[:5])}"
-    sentence = f"they never moved, {places}; look at starts and at failed solves"
+    sentence = f"they never moved, {places}; {diagnosis.cures.stuck}"
     complaint = f"{len(stuck)} walkers stuck", sentence, 0.0
     moving = diagnosis.acceptance[diagnosis.acceptance > 0]
     # So many of the others would be still there by chance after as many steps.

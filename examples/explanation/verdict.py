@@ -114,12 +114,14 @@ density /= density.sum() * (x1[1] - x1[0])
 figure, panels = plt.subplots(1, 2, figsize=(9, 3.4), sharey=True, layout="constrained")
 compared = {"balls about optima": runs["each in its own mode"][:], "auto": run}
 for axes, (title, chains) in zip(panels, compared.items(), strict=True):
-    for sampler in chains:
+    for number, sampler in enumerate(chains):
         draws = sampler.get_chain(discard=100, flat=True)[:, 0]
-        axes.hist(draws, np.linspace(0.3, 2.1, 120), density=True, histtype="step")
-    axes.plot(x1, density, "k:")
+        name, bins = f"ensemble {number + 1}", np.linspace(0.3, 2.1, 120)
+        axes.hist(draws, bins, density=True, histtype="step", label=name)
+    axes.plot(x1, density, "k:", label="exact")
     axes.set(xlim=(0.3, 2.1), xlabel="x1", title=title)
 panels[0].set_ylabel("density of x1")
+panels[0].legend()
 plt.close(figure)  # shown once, by the next line
 figure
 

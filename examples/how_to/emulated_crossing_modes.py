@@ -33,8 +33,12 @@ heights = np.linspace(0.8, 1.2, 200)
 points = [{"height": h, "width": 1.0} for h in heights]
 curves = np.array([solve(p).frequencies[:2] for p in points])
 figure, axes = plt.subplots(figsize=(5, 3), layout="constrained")
-axes.plot(heights, curves, color="#1f5fa8")
-_ = axes.set(xlabel="height, width 1", ylabel="frequency in Hz")
+axes.plot(heights, curves, label=["mode 1", "mode 2"])
+axes.set(xlabel="height, nominal 1 (width nominal)", ylabel="frequency [Hz]")
+for x, y, moves in [(0.81, 1.33, "up"), (0.81, 1.61, "across"), (1.13, 1.85, "up")]:
+    axes.text(x, y, f"moves {moves}")
+axes.text(1.1, 1.54, "moves across")
+_ = axes.legend(loc="upper center")
 
 # %% [markdown]
 # So modes that cross or nearly meet are emulated together:

@@ -110,7 +110,10 @@ ef.figures.plot_population(pooled)
 # Along the temperature, the frame falls and the soil does not:
 
 # %% mystnb={"image": {"alt": "Frame and soil factors over the temperature; the red line of the frame falls steadily, that of the soil is nearly level within its wide band"}}
-ef.figures.plot_population(pooled, against="temperature")
+figure = ef.figures.plot_population(pooled, against="temperature")
+for axes in figure.axes:
+    axes.set_xlabel("temperature [°C]")
+figure
 
 # %% [markdown]
 # ## A test not yet made

@@ -4,6 +4,7 @@ Run after the build, ``python -m sphinx docs docs/_build/html``. Pages ask no ot
 for anything that they need.
 """
 
+import json
 import shutil
 import threading
 from functools import partial
@@ -124,6 +125,17 @@ def test_every_figure_is_a_picture():
     for path, text in texts.items():
         if Path(path).stem in pages and "generated" not in path:
             assert "data:image" in text or "_images/" in text, path
+
+
+def test_every_page_of_code_offers_its_notebook():
+    pages = [p for p in PAGES if (ROOT / "examples" / p).with_suffix(".py").exists()]
+    assert pages
+    for path in pages:
+        name = Path(path).with_suffix(".ipynb")
+        notebook = json.loads((SITE / "_sources" / name).read_text(encoding="utf-8"))
+        code = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+        assert any(cell["outputs"] for cell in code) or "calculix" in path
+        assert f"_sources/{name.as_posix()}" in (SITE / path).read_text("utf-8")
 
 
 class Links(HTMLParser):

@@ -50,6 +50,7 @@ def test_moments_and_evidence_are_those_of_the_gaussian(cut):
     np.testing.assert_allclose(z.mean(axis=(0, 1)), mean, atol=0.12)
     np.testing.assert_allclose(z.var(axis=(0, 1)), variance, rtol=0.2)
     population = ef.anneal(of(right_part, BOX), 200, seed=1)
+    assert f"{LOG_BOX:.4f}" in str(population)
     for source in (*cut, idata, population):
         found = ef.log_evidence(source)
         error = found.log_evidence - (stats.norm.logcdf(1.0) - LOG_BOX)

@@ -48,7 +48,7 @@ def test_tables_show_the_weighted_draws_and_say_so(tmp_path):
     assert all("corrected" in table.title for table in said)
     diagnosis = ef.diagnose(sealed)
     assert diagnosis.chains.status == "none" and not diagnosis.converged
-    assert diagnosis.search.sentence == found.search.sentence
+    assert diagnosis.search == found.search
     emulated_mean = ef.parameter_table(idata).column("mean")
     assert np.abs(emulated_mean / exact - 1).max() > 0.01
     # Predictive draws are taken by weight.

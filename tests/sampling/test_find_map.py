@@ -124,6 +124,7 @@ def test_a_maximum_in_a_corner_has_the_evidence_of_the_exponential():
     expected = np.log(1 / 20) + 30 + np.log(1 / 30) + 0.5 * np.log(2 * np.pi)
     assert_allclose(best.log_evidence, expected, atol=1e-3)
     assert result.maxima_table.column("at a bound") == ["x0 x1"]
+    assert_allclose(result.table.column("sd 1"), [1 / 20, 1 / 30, 1], rtol=0.1)
     # All draws of a check are inside, and solved.
     assert ef.find_map(posterior, 6, seed=1, check=60).solves == result.solves + 60
 
@@ -149,10 +150,6 @@ def test_a_gaussian_beyond_its_bounds_has_the_mass_that_is_inside(outside):
     inside = ((others > bounds[1:, 0]) & (others < bounds[1:, 1])).all(axis=1)
     exact = stats.norm.logsf(outside) + np.log(inside.mean())
     assert_allclose(best.log_evidence, exact, atol=0.05)
-    if (
-        outside > 1
-    ):  # the sds of the table are rough where the slope at a bound is steep
-        return
     kept = np.column_stack([first, others])[inside]
     stated = np.array(result.table.column("sd 1"))
     assert_allclose(stated / kept.std(axis=0), 1.0, atol=0.15)

@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 import emcee_femu as ef
+from emcee_femu.evaluation.evaluator import Evaluation
 from emcee_femu.moves.mixture import Mixture
 from emcee_femu.sampling.importance import (
     bridge,
@@ -14,7 +15,7 @@ from emcee_femu.sampling.importance import (
     resample,
 )
 from emcee_femu.sampling.proposals import Draws, Trial, refine
-from emcee_femu.sampling.response_surface import fit_surface
+from emcee_femu.sampling.response_surface import fit_surface, learn_surface
 
 
 @pytest.mark.parametrize("k", [0.2, 0.9])
@@ -171,6 +172,20 @@ def test_a_response_that_is_a_polynomial_is_found_exactly(inferred):
     exact = posterior(others)[:, 0]
     np.testing.assert_allclose(surface(others), exact, rtol=1e-6, atol=1e-5)
     assert surface(-others).max() == -np.inf
+
+
+def test_polynomials_have_more_points_than_terms_though_draws_are_out_of_bounds():
+    prior = ef.IndependentPrior({"a": stats.lognorm(0.3), "b": stats.lognorm(0.4)})
+    term = ef.FrequencyTerm([3.1, 5.2], relative_sd=0.02)
+    posterior = ef.LogPosterior(Powers(), term, prior)
+    mixture = Mixture(np.ones(1), np.zeros((1, 2)), 0.5 * np.eye(2)[None], 50.0)
+    with Evaluation.open(posterior, None, None, "raise", 0.2) as evaluation:
+        surface, _ = learn_surface(evaluation, mixture, np.random.default_rng(1))
+        theta = prior.sample(np.random.default_rng(2), 50)
+        exact = posterior(theta)[:, 0]
+        np.testing.assert_allclose(surface(theta), exact, rtol=0.1, atol=1.0)
+        far = Mixture(np.ones(1), np.full((1, 2), -99.0), mixture.matrices, 50.0)
+        assert learn_surface(evaluation, far, np.random.default_rng(1)) is None
 
 
 @pytest.mark.slow

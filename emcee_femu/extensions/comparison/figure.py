@@ -16,7 +16,7 @@ from .classes import CLASS_LEAD, ModelComparison
 from .compare import Comparison
 
 LABEL_WIDTH, CLASS_WIDTH = 32, 28  # characters per line
-LEAST_WRITTEN = 0.001  # probability that is written as a number
+LEAST_WRITTEN = 0.001  # least probability written as a number
 FAR_BEHIND = 25.0  # log evidence behind the first beyond which a class is only named
 
 
@@ -72,7 +72,8 @@ def plot_comparison(comparison: Comparison) -> Figure:
         kept = {k: (steps - steps[0] + 1, tae) for k, (steps, tae) in curves.items()}
         draw_errors(axes, kept, styles)
         axes.set_xlabel("generation after burn-in")
-        axes.set_title(f"same colours{'; dashed: not converged' if failed else ''}")
+        dashed = "; dashed: not converged" if failed else ""
+        axes.set_title(f"colours as on the left{dashed}", fontsize=10)
     headline = comparison.conclusion.splitlines()[0]
     figure.suptitle(textwrap.fill(headline, 100 if curves else 60), fontsize=12)
     return finish(figure)
@@ -152,7 +153,7 @@ def plot_model_comparison(comparison: ModelComparison) -> Figure:
     left.margins(x=0.12, y=0.2)
     left.set_yticks(rows, [textwrap.fill(label, CLASS_WIDTH) for label in labels])
     left.invert_yaxis()
-    left.set_xlabel("log evidence less that of the first (natural)")
+    left.set_xlabel("ln of the evidence over that of the first")
     probabilities = [standing.probability for standing in standings]
     drawn = right.barh(rows, probabilities, height=0.55, color=colours)
     shares = [

@@ -17,11 +17,11 @@ from ...table import Parts, Report, Table, unit_column
 # Efficiency above which weights are so equal that their tail is no matter.
 EQUAL_WEIGHTS = 0.9
 FEWEST_CERTIFIED = 25  # draws
-FEWEST_EFFECTIVE = 50  # what they are worth, to know a standard deviation to 10 %
+FEWEST_EFFECTIVE = 50  # effective draws, which determine an sd to 10 %
 CLOSE_MOMENTS = 0.1  # of a standard deviation, in means and standard deviations
-SURE = 2.0  # standard errors of the difference of these, which few draws decide
+SURE = 2.0  # standard errors added to differences, against chance in few draws
 MISSED_SHARE = 0.01  # share of the posterior that may be missing
-FOUND = 0.25  # of a maximum's share, below which the draws lack it
+FOUND = 0.25  # share of a maximum's weight below which the draws miss it
 CERTIFIED, CORRECTED, REFUSED = "certified", "corrected", "refused"
 
 

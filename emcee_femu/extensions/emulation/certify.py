@@ -40,8 +40,8 @@ FEWEST_SOLVES = 10
 RHAT_APART = 1.1  # R-hat of walkers or ensembles that are in different places
 # Solves for the search: at most a quarter, and no more than these.
 SEARCH_SHARE, MOST_SEARCH_SOLVES = 4, 30
-FIRST_CLIMBS = 8  # starts that are put in order
-FEWEST_CLIMB_STEPS = 3  # of a climb, below which it says nothing
+FIRST_CLIMBS = 8  # starts that are sorted by height
+FEWEST_CLIMB_STEPS = 3  # steps; shorter climbs are not counted
 MOMENTS = "mean", "mean_error", "sd", "sd_error", "off_error"  # in their order
 
 
@@ -63,7 +63,7 @@ def certify(
     r"""Check an emulated posterior with full solves at some of its own draws.
 
     Use it after :func:`emulate` and :func:`run`, or with any other approximate model.
-    Draws are taken from the chain at equal distances, without repetition, and solved
+    Draws are taken from the chain at equal intervals, without repeats, and solved
     with the full model. Importance weights then correct the emulated posterior:
 
     .. math:: w_i = \frac{p(\theta_i) L(\theta_i)}{\tilde p(\theta_i)}, \qquad
@@ -89,10 +89,11 @@ def certify(
     are smoothed (PSIS).
 
     Weights cannot reveal what the emulated posterior excludes. Three checks look for
-    it: the emulator's bounds must contain at least 99 % of the prior, the draws must
-    not press against a bound that the prior does not have, and the true posterior is
-    climbed from draws of the prior away from the chain. The climbs take a quarter of
-    the solves, at most 30. A narrow mode near which no climb passes remains undetected.
+    it. The emulator's bounds must contain at least 99 % of the prior. The draws must
+    not pile up at a bound that the prior does not have. And climbs of the true
+    posterior, which take a quarter of the solves and at most 30, start from draws of
+    the prior away from the chain. A narrow mode that no climb approaches remains
+    undetected.
 
     Weights cannot recover regions that the chain never visited either. A chain that
     :func:`diagnose` calls "not converged" is therefore refused, unless its only fault

@@ -13,10 +13,10 @@ from .emulated import EmulatedModel
 from .problem import EmulationProblem
 
 MEMBERS = 300  # draws that stand for a posterior
-GROWN = 1.5  # times as many points for another look at the whole prior
+GROWN = 1.5  # growth of the number of points before another look at the prior
 # Error predicted at carried draws below which each round has a look.
 SMALL_PREDICTED = 0.1
-WIDER_IN_TRUTH = 2.0  # standard deviations of the emulator that may be one in truth
+WIDER_IN_TRUTH = 2.0  # emulator sds that may be a single sd in truth
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,18 +27,18 @@ from .gaussian_process import NUGGET
 from .partition import fit_outputs
 from .problem import FEWEST_FITTED, EmulationProblem, check_starts, first_points
 
-UNITS = 8  # points by which the errors of the measurement are read off the terms
-MORE = 4  # points of a first design than parameters: some more than a linear trend
-SETTLED = 2  # rounds in a row whose true error is to be small
-# True error above which draws are of a wider, tempered posterior.
+UNITS = 8  # points at which measurement errors are taken from the terms
+MORE = 4  # points of the first design beyond d: a linear trend needs d + 1
+SETTLED = 2  # consecutive rounds whose true error must be small
+# True error above which a wider, tempered posterior is drawn from.
 LARGE_TRUE_ERROR = 3.0
-STAGE = 4.0  # times the power of the round before, at least: its width halves
-SURPRISE = 5.0  # times the tolerance: a predicted error with which it does not stop
+STAGE = 4.0  # least growth of the power per round, which halves the width
+SURPRISE = 5.0  # predicted error, in tolerances, above which it goes on
 FAR_POINT = 3.0  # squared distance per dimension beyond which a point counts less
 # Error of leaving one out, in measurement errors, that is small enough.
 SMALL_LEFT_OUT = 0.01
 LEAST_VARIANCE = 1e-300  # variance of processes that are exact
-BY_CHANCE = 0.01  # probability of so many failures where fewer are allowed
+BY_CHANCE = 0.01  # least probability at which many failures count as chance
 # Predicted error, in measurement errors, below which none is measured.
 UNMEASURED = 1e-6
 

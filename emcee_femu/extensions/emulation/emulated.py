@@ -32,10 +32,10 @@ from ...table import Parts, Report, Table
 from .encoding import Outputs
 from .gaussian_process import Processes
 
-SMALL_DIRECTION = 0.02  # in units of measurement error: for less no direction is kept
-LEAST_LOGARITHM = 1e-300  # whose logarithm is taken in place of that of zero
+SMALL_DIRECTION = 0.02  # in measurement errors; smaller directions are dropped
+LEAST_LOGARITHM = 1e-300  # used in logarithms instead of zero
 MOST_DIRECTIONS = 24  # directions in which the emulator errs, the largest ones
-REST = 0.03  # share of the mean square error that all others have
+REST = 0.03  # share of the mean square error that may be dropped with the others
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -234,7 +234,7 @@ class Others(Term):
     reads: Mapping[str, Variable] = field(default_factory=dict)
 
     def __call__(self, parameters: Parameters, response: Response) -> Floats:
-        """Return the log-likelihood of all of them, ``(n,)``."""
+        """Return the sum of their log-likelihoods, ``(n,)``."""
         total = np.zeros(len(next(iter(parameters.values()))))
         for experiment in self.experiments:
             solved = experiment.solve(parameters, self.parameters)
@@ -255,7 +255,7 @@ def emulate_each(
     emulate: Callable[..., Any],
     options: dict[str, Any],
 ) -> EmulatedExperiments:
-    """Emulate experiments one after another, each where those before leave room.
+    """Emulate experiments in turn, each where earlier ones leave the posterior open.
 
     Args:
         posterior: The joint posterior.

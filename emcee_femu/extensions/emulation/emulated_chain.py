@@ -18,11 +18,11 @@ from ...sampling.coordinates import Coordinates
 from ...sampling.judge import effective_sizes, mean_sizes, size_by_means
 from .certificate import FOUND, MISSED_SHARE
 
-GAPS = 1.5  # times the largest gap between draws: farther than any of them
+GAPS = 1.5  # in largest gaps between draws: beyond all of them
 GAP_DRAWS = 2_000  # draws of the chain that are compared
-ALONE = 1e-9  # weight beside that of one draw, below which it has no spread
+ALONE = 1e-9  # weight of all other draws, below which one has no spread
 PRIOR_FREE_DRAWS = 20_000  # which cost no solve
-LEFT_OUT = 0.01  # of the prior's probability, of which nothing would be known
+LEFT_OUT = 0.01  # share of the prior outside the emulator's bounds that is accepted
 # Standard deviations from a bound; share of draws there.
 NEAR_A_BOUND, PRESSED = 0.1, 0.005
 
@@ -104,7 +104,7 @@ class EmulatedChain:
         return np.asarray(np.linalg.cholesky(scale + 1e-12 * np.diag(np.diag(scale))))
 
     def whiten(self, theta: Floats) -> Floats:
-        """Return coordinates ``(n, d)`` in which the draws are white."""
+        """Transform points ``(n, d)`` so that the draws have unit covariance."""
         x = self.coordinates.coordinates(theta)
         return np.asarray(np.linalg.solve(self.root, (x - self.x.mean(0)).T).T)
 
@@ -118,7 +118,7 @@ class EmulatedChain:
     def choose(
         self, n: int, rng: np.random.Generator
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return places of at most ``n`` different draws at equal distances.
+        """Return places of at most ``n`` different draws at equal intervals.
 
         Every draw of the chain is as likely to be taken as any other. A walker that
         stood still may be met again: its draw is solved once and counts as often as it
@@ -224,7 +224,7 @@ def find_missed(
     log_posterior: Floats,
     weights: Floats,
 ) -> tuple[str, ...]:
-    """Return the plainest of what climbs came upon that the draws lack.
+    """Return the most obvious maximum that climbs found and draws lack.
 
     Args:
         chain: Of the emulated posterior.

@@ -44,8 +44,8 @@ from scipy.optimize import minimize
 from ...contracts import Floats
 
 NUGGET = 1e-7  # of the amplitude squared: keeps the factor of close points definite
-VAGUE = 1e6  # the same of a slope that is not known
-STRAIGHT = 0.01  # an output that leaves its trend by less has no say in the lengths
+VAGUE = 1e6  # the same for an unknown slope
+STRAIGHT = 0.01  # outputs this close to their trend do not affect the lengths
 LEAST_OF_OUTPUT = 1e-20  # variance of an output that is straight
 SCALES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # first lengths, in spreads of the points
 LONGEST_LENGTH = 200.0  # length, in spreads, beyond which the trend says as much

@@ -36,7 +36,7 @@ from ...sampling.first_solve import doubt, doubt_prior, is_constant, same_respon
 from .emulated import EmulatedModel, as_modal
 from .encoding import Named
 
-PAIRS = 0.1  # share of a shape that may be wrong where it only tells pairs
+PAIRS = 0.1  # error allowed in shapes that are only used to pair modes
 UNREAD = 3.0  # times the usual error: a mode that no term reads matters less
 # Variables beside the others.
 SLOPES_SUFFIX, DERIVATIVES_KNOWN = " by parameter", "derivatives known"
@@ -44,8 +44,8 @@ TERM_STEP = 1e-3  # of a variable's size, for terms that cannot be linearized
 
 
 DESIGN_DRAWS = 20_000  # of the prior, for its quantiles
-DESIGN_SPREAD = 0.8  # share of the prior's spread that the first points have
-NEAR_SPREAD = 0.25  # the same of first points about a given one
+DESIGN_SPREAD = 0.8  # spread of the first points, in that of the prior
+NEAR_SPREAD = 0.25  # the same around a given point
 FEWEST_FITTED = 3  # points to which a process can be fitted
 
 
@@ -134,7 +134,7 @@ class Recorder:
 
 
 def compare_nothing(parameters: Parameters, response: Response) -> Floats:
-    """Return a likelihood of one for what is only recorded."""
+    """Return a likelihood of one, for variables that are only recorded."""
     return np.zeros(len(next(iter(parameters.values()))))
 
 

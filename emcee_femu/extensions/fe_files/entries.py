@@ -12,7 +12,7 @@ from scipy.sparse import coo_array, csc_array
 from ...contracts import Floats
 from ...models.inputs import read_matrix
 
-EMPTY = 1_000  # rows for each entry, that are no matrix of a structure
+EMPTY = 1_000  # rows per entry; no matrix of a structure is as empty
 AGAIN = "let the program export it again"
 BARE_EXPONENT = re.compile(r"(?<=[\d.])([-+]\d+)$")  # 1.5+7 for 1.5E+7
 NOTHING = csc_array((0, 0), dtype=float)
@@ -41,7 +41,7 @@ class Part(NamedTuple):
 
 
 def try_part(name: str, path: Path, read: Callable[[], Part]) -> Part:
-    """Return what is read, or a part with its fault: others of the file may be good."""
+    """Return the part that is read, or its fault: other parts may be good."""
     try:
         return read()._replace(name=name)
     except ValueError as error:

@@ -16,7 +16,7 @@ from .formats import read_file, read_labels
 
 FilePath = str | PathLike[str]
 HELD = 1e35  # Abaqus puts 1e36 on the diagonal of DOFs that a boundary holds
-LABELS = "dofs"  # what names the file of labels among those of matrices
+LABELS = "dofs"  # key of the file of labels among the matrices
 
 
 def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:

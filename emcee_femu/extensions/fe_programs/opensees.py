@@ -11,7 +11,7 @@ from ...contracts import Floats
 from ...models.exports import Matrices
 from ...models.geometry import Geometry
 
-OUTLINE_NODES = 4  # nodes of an element at most, whose outline is known
+OUTLINE_NODES = 4  # most nodes of an element whose outline is drawn
 # Directions of DOFs beyond the translations, by dimensions and DOFs of a node; others
 # than these, such as a pressure, keep a number from 7 on.
 OPENSEES_ROTATIONS = {(2, 3): [6], (3, 6): [4, 5, 6]}

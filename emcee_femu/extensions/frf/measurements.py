@@ -17,7 +17,7 @@ from ...measurements.modes import along_axis
 from ...measurements.uff import UFF_AXES, Path
 from ...table import Column, Parts, Report, Table
 
-# Times i omega, and the unit in SI.
+# Power of i omega relative to receptance, and the SI unit.
 FRF_KINDS = {
     "receptance": (0, "m/N"),
     "mobility": (1, "m/(N s)"),
@@ -52,7 +52,7 @@ def frf_variable(
     unit: str | None = None,
     stored: bool = False,
 ) -> Variable:
-    """Return what an FRF is: its dimensions and unit."""
+    """Return dimensions and unit of an FRF."""
     coords = {
         "channel": [channel.label for channel in channels],
         "line": lines.tolist(),
@@ -372,7 +372,7 @@ def _read_set(place: str, file: Any, i: int, **options: bool) -> DataSet:
 
 
 def _check_function(place: str, data: DataSet) -> None:
-    """Refuse a function that is not what is read, or not wholly there."""
+    """Refuse a function that is of another kind or incomplete."""
     abscissa = data["abscissa_spec_data_type"]
     for what, got, expected in (
         ("binary numbers of format", data.get("fp_format", IEEE), (IEEE,)),

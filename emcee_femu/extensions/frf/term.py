@@ -23,7 +23,7 @@ from ...results.to_arviz import read_samples
 from ...sampling.judge import spread_out
 from .measurements import FRFMeasurements, frf_variable
 
-FRF_DRAWS = 200  # draws that are solved anew
+FRF_DRAWS = 200  # draws that are solved again
 # In words and as a formula in HTML, for reports.
 BY_AMPLITUDE = (
     "The deviations of the logarithms of the amplitudes from the measured ones are "
@@ -210,11 +210,11 @@ def plot_frf(
     figure, panels = subplots(rows, 1, (8.0, 1.0 + 2.3 * rows), sharex=True)
     unit, label = reads[measured.kind].unit, "updated model, 95 %"
     for i, (axes, channel) in enumerate(zip(panels, measured.channels, strict=True)):
-        style: Style = {"color": BLUE, "alpha": 0.5, "lw": 1.6, "label": label}
-        style["zorder"] = 3  # a narrow band would vanish behind the points
+        style: Style = {"color": "0.4", "ms": 5, "mew": 0, "label": "measured"}
+        axes.plot(measured.lines, np.abs(measured.values[i]), "o", **style)
+        # Its edges show where it is narrower than a line, on the points.
+        style = {"fc": (BLUE, 0.3), "ec": BLUE, "lw": 1.0, "label": label, "zorder": 3}
         axes.fill_between(measured.lines, *ends[:, i], **style)
-        style = {"color": "black", "ms": 3, "label": "measured"}
-        axes.plot(measured.lines, np.abs(measured.values[i]), ".", **style)
         axes.set_yscale("log")
         axes.grid(True, alpha=0.25)
         axes.set_ylabel(f"{channel.label}\n{measured.kind} ({unit})")

@@ -27,7 +27,7 @@ from ...sampling.judge import spread_out
 from ...table import Parts, Report, Table
 
 FEWEST_OF_A_TEST = 100  # draws of a test
-RESOLVED = 20  # draws that lie within the narrowest population that they can tell
+RESOLVED = 20  # draws needed inside the narrowest population that can be resolved
 LEAST_DENSITY = 1e-300
 # The share of each parameter's population that lies inside the bounds, at least: what
 # is left of less would hang on the bound.
@@ -317,7 +317,7 @@ class PopulationModel:
         return next(iter(self.tests.values())).bounds
 
     def __call__(self, parameters: Parameters) -> dict[str, Floats]:
-        """Return ``log_marginal (n, T)``, each known but for a constant."""
+        """Return ``log_marginal (n, T)``, each up to a constant."""
         location = self._locate(parameters)
         sd = np.maximum(self.population.spread(parameters), LEAST_DENSITY)[:, None]
         low, high = (self.bounds_of.T[:, None, None] - location) / sd

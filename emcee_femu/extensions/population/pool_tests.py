@@ -27,11 +27,11 @@ from .normal import (
     read_tests,
 )
 
-SMALL_SHIFT = 0.1  # posterior sds by which estimates may be off for want of draws
-ENOUGH_EFFECTIVE = 100  # effective draws of a test, whatever the tail of their weights
-RESAMPLED, BLOCKS = 50, 50  # times that the draws are drawn again, and in what blocks
+SMALL_SHIFT = 0.1  # posterior sds by which few draws may shift estimates
+ENOUGH_EFFECTIVE = 100  # effective draws of a test that suffice whatever the tail
+RESAMPLED, BLOCKS = 50, 50  # number of resamplings, and of blocks in them
 POPULATION_DRAWS = 1_000  # of the population and of each test's parameters, together
-WIDER_PRIOR = 1.2  # a prior than the population, so that weights towards it stay even
+WIDER_PRIOR = 1.2  # sd over the population's, so that weights stay even
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -35,8 +35,8 @@ from .ritz_basis import GOOD_IN_A_ROW, RESERVE, ProjectedSum, RitzBasis, not_rea
 
 INSIDE, CORNERS = 128, 32  # points for the basis
 CHECKED = 96  # of these, where a basis is compared with its principal directions
-INWARDS = 0.95  # of corners that certify, what is near them is for the basis
-SAFETY = 0.5  # what the truncation may cost, as a share of the tolerance
+INWARDS = 0.95  # corners certify; points pulled this far inwards serve the basis
+SAFETY = 0.5  # share of the tolerance that truncation may use
 PAYS = 3.0  # a smaller speed-up is worth a warning
 BATCH = 16  # parameter sets in the batch that is timed
 

@@ -15,8 +15,8 @@ from ...models.eigen_sparse import check_mass, lowest_modes
 from ...models.inputs import describe
 from ...models.matrix import AffineModel, sparse_problem
 
-GOOD_IN_A_ROW = 3  # full solves in a row that bring nothing new
-RESERVE = 0.2  # share of that for the basis before truncation
+GOOD_IN_A_ROW = 3  # consecutive full solves that add nothing new
+RESERVE = 0.2  # share of the tolerance for the basis before truncation
 RIGID_WEIGHT = 1e3  # so that rigid motions stay in a basis of any size
 NEW_ENERGY = 1e-7  # share of a shape's energy norm; what is new in it must be more
 BUFFER = 2  # extra modes, so that those which cross the wanted ones are in the basis

@@ -261,7 +261,7 @@ def _tabulate_shapes(experiment: Experiment) -> Iterator[Table]:
 
 
 def _tabulate_priors(idata: InferenceData, posterior: LogPosterior | None) -> Table:
-    """Tabulate means and 95 % intervals of any prior, by draws of it."""
+    """Tabulate means and 95 % intervals of any prior, from draws."""
     names = samples(idata)[0]
     prior, draws = prior_constants(idata, names), prior_draws(idata, names)
     if posterior is not None:
