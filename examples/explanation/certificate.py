@@ -13,8 +13,9 @@
 #
 # ## Three stand-ins
 #
-# The first has frequencies that are linear in the parameters, the second is off by
-# less than a standard deviation of the measurement, the third by several.
+# The data are made up. The first has frequencies that are linear in the parameters, the
+# second is off by less than a standard deviation of the measurement, the third by
+# several.
 
 # %%
 import numpy as np

@@ -6,7 +6,8 @@
 # figure: save it with `figure.savefig("name.pdf")`. {doc}`tables_and_figures` explains
 # what they show.
 #
-# The structure is a shear building of three storeys with two measured modes.
+# The structure is a shear building of three storeys with two measured modes, which are
+# simulated.
 
 # %%
 import numpy as np
