@@ -2,11 +2,12 @@
 # # Close and crossing modes
 #
 # Measured and computed frequencies must not be compared by their numbers. This page
-# shows why on a simulated test, and how {py:class}`~emcee_femu.PairedModel` compares
-# them by shape, even if modes are so close that their shapes mix. It also shows how to
-# read the pairing of a finished run.
+# shows why, and how {py:class}`~emcee_femu.PairedModel` compares them by shape, even if
+# modes are so close that their shapes mix. It also shows how to read the pairing of a
+# finished run.
 #
-# `python examples/tutorials/crossing_modes.py` runs this page (8 s).
+# `python examples/tutorials/crossing_modes.py` runs this page (8 s). The test is
+# simulated.
 
 # %%
 import numpy as np
