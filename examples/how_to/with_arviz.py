@@ -42,12 +42,12 @@ az.summary(idata)
 # ArviZ's `r_hat` compares walkers. Those of one ensemble are not independent, so it
 # shows only how well they mix. {py:func}`~emcee_femu.diagnose` compares whole
 # ensembles. Plots with a line for each of 64 chains cannot be read: `combined=True`
-# takes them as one.
+# takes them as one. Here are the stiffnesses relative to the drawings:
 
 # %% mystnb={"image": {"alt": "Intervals of two stiffnesses over those of the drawings: k1 around 1.06, k2 around 0.74"}}
 for name, stiffness in {"k1": 50e3, "k2": 10e3}.items():
-    idata["posterior"][f"{name} / drawings"] = idata["posterior"][name] / stiffness
-ratios = ["k1 / drawings", "k2 / drawings"]
+    idata["posterior"][f"relative {name}"] = idata["posterior"][name] / stiffness
+ratios = ["relative k1", "relative k2"]
 drawing = az.plot_forest(idata, var_names=ratios, combined=True)
 
 # %% [markdown]

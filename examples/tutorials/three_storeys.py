@@ -78,7 +78,7 @@ ef.parameter_table(run, true=theirs)
 ef.figures.plot_prior_posterior(run)
 
 # %% [markdown]
-# Shapes tell how the mass is distributed, and so the stiffnesses, too. "nominal" are the
+# Shapes tell how the mass is distributed, and so the stiffnesses, too. "true" are the
 # published values. All seven are inside their intervals, and all are missed by the same
 # 11 to 12 %: this one factor of masses and stiffnesses together no frequency and no shape
 # tells. It is a matter of the prior, or of a balance: weigh the frame.

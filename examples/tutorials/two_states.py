@@ -99,15 +99,16 @@ table
 # %%
 for name in falls:
     drawn = idata["posterior"][name].values
-    shares = [(drawn > limit).mean() for limit in (0, 3)]
-    print("{}: above 0 with a probability of {:.3f}, 3 % {:.3f}".format(name, *shares))
+    print(f"{name} > 0 with a probability of {(drawn > 0).mean():.3f},", end=" ")
+    print(f"> 3 % with {(drawn > 3).mean():.3f}")
 
 # %% mystnb={"image": {"alt": "Samples of the falls of three parts: that of the lower part lies around 5 %, the others around 0"}}
-ef.figures.plot_scatter(idata, var_names=falls)
+truths = dict(zip(falls, [6.0, 0.0, 0.0], strict=True))
+ef.figures.plot_scatter(idata, var_names=falls, truths=truths)
 
 # %% [markdown]
-# The lower part has fallen, and the interval of its fall excludes zero. The others may
-# have stayed as they were. If the lower part has lost more, the middle one has lost less:
+# The interval of the lower part excludes zero. The others may have stayed as they were
+# (blue: the truth). If the lower part has lost more, the middle one has lost less:
 # frequencies tell their sum better than each of them.
 #
 # In the report of {py:func}`~emcee_femu.report` the falls stand among the parameters:
@@ -177,7 +178,7 @@ print(f"above 0 with a probability of {(apart > 0).mean():.3f}")
 
 # %% tags=["remove-cell"]
 assert table.column("unit") == ["%"] * 3 and ef.diagnose(run).converged
-true = np.array([6.0, 0.0, 0.0])
+true = np.array([*truths.values()])
 low, high = (np.array(table.column(name)) for name in ("2.5 %", "97.5 %"))
 assert (low < true).all() and (true < high).all() and low[0] > 2
 assert "fall lower" in path.read_text(encoding="utf-8")
