@@ -170,9 +170,15 @@ def each_term(posterior: LogPosterior) -> Iterator[tuple[Experiment, Term, str]]
 
 
 def gather_by_terms(
-    posterior: LogPosterior, draws: Floats, rows: Floats
+    posterior: LogPosterior, draws: Floats, rows: Floats, only: str | None = None
 ) -> dict[str, dict[str, Labelled]]:
-    """Return the log-likelihood of each datum, and new measurements, by term."""
+    """Return the log-likelihood of each datum, and new measurements, by term.
+
+    Of ``only`` one term, both have the name of the variable that it measured.
+
+    Raises:
+        ValueError: If there is no such term, or its data are not independent.
+    """
     lead = draws.shape[:-1]
     parameters = posterior.parameters(draws.reshape(-1, posterior.ndim))
     response = posterior.unfold(rows.reshape(-1, rows.shape[-1]))
@@ -182,6 +188,8 @@ def gather_by_terms(
     predictive: dict[str, Labelled] = {}
     for column, (experiment, term, name) in enumerate(each_term(posterior), 2):
         label = experiment.full_name(name)
+        if only not in (None, label):
+            continue
         stored = {v: response[experiment.full_name(v)] for v in experiment.variables}
         likelihood[label] = Labelled(rows[..., column], ONE_NUMBER)
         for variable, values in term.pointwise(parameters, stored).items():
@@ -189,6 +197,14 @@ def gather_by_terms(
         for variable, values in term.replicate(rng, parameters, stored).items():
             key = names[label, variable]
             predictive[key] = _label(experiment, term, variable, values, *lead)
+    if only is not None:
+        both = [*likelihood.values(), *predictive.values()]
+        if len(both) != 2 or both[0].values.shape != both[1].values.shape:
+            raise ValueError(
+                f"term: expected one of {list(posterior.term_names)} whose data are "
+                f"independent, got {only!r}"
+            )
+        likelihood = dict.fromkeys(predictive, both[0])
     if len(likelihood) > 1:  # ArviZ takes one variable
         likelihood = {"data": _side_by_side(likelihood, len(lead))}
     return {"log_likelihood": likelihood, "new_measurement": predictive}

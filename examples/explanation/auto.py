@@ -6,8 +6,8 @@
 # how, and shows what is on record. `python examples/explanation/auto.py` runs it in
 # some 4 s.
 #
-# The example has two modes. Two storeys of equal mass have the same frequencies with
-# stiffnesses k1 (ground) and k2 (upper) as with 2 k2 and k1 / 2:
+# The simulated example has two modes. Two storeys of equal mass have the same
+# frequencies with stiffnesses k1 (ground) and k2 (upper) as with 2 k2 and k1 / 2:
 
 # %%
 import numpy as np

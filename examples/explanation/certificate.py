@@ -3,7 +3,7 @@
 #
 # What does {py:func}`~emcee_femu.certify` prove about a posterior that was sampled with
 # a stand-in for the model, what do its three verdicts mean, and what can it not see?
-# `python examples/explanation/certificate.py` runs the page (4 s).
+# `python examples/explanation/certificate.py` runs the page (4 s) on made-up data.
 #
 # A stand-in (an emulator, a reduced or a coarse model) gives a posterior that is nearly
 # right. `certify` spends full solves on draws of it. At each draw the weight is the

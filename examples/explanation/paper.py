@@ -3,10 +3,10 @@
 #
 # This package began as a reproduction of M. Sherri, I. Boulkaibet, T. Marwala and M. I.
 # Friswell, "A Differential Evaluation Markov Chain Monte Carlo algorithm for Bayesian
-# Model Updating", who update two structures by DE-MC. This page says which of the
-# paper's tables and figures are reproduced, which printed numbers cannot be true, and
-# why. `python examples/explanation/paper.py` runs the page (20 s) with short runs; the
-# long runs have their commands.
+# Model Updating", who update two structures by DE-MC (one simulated, one measured).
+# This page says which of the paper's tables and figures are reproduced, which printed
+# numbers cannot be true, and why. `python examples/explanation/paper.py` runs the page
+# (20 s) with short runs; the long runs have their commands.
 #
 # The paper prints no figures of the structures and, for the first, neither $\beta$ nor
 # the prior. Topology and geometry were inferred from its tables;

@@ -10,8 +10,8 @@
 # found, and how small a mode may be missing? *Fit*: is the measurement inside the
 # posterior predictive? Chains of a wrong model converge too, so look at all three.
 #
-# The example is a two-storey frame with a soft lower or a soft upper storey, which have
-# the same two frequencies (Beck and Au 2002): two modes far apart.
+# The example is a simulated two-storey frame with a soft lower or a soft upper storey,
+# which have the same two frequencies (Beck and Au 2002): two modes far apart.
 
 # %%
 from textwrap import fill, indent

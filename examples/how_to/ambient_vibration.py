@@ -9,7 +9,7 @@
 # accelerometers record 300 s. How stiff is each storey?
 #
 # The pyOMA2 package contains no records (`get_sample_data` fetches them from the
-# network), so these are from its own generator, `example_data`: white noise on a frame
+# network), so its own generator, `example_data`, simulates them: white noise on a frame
 # of 10 kN/m per storey, 10 % noise in each channel. The truth is thus known, and shown.
 
 # %%

@@ -4,7 +4,7 @@
 # TMCMC (Ching and Chen, 2007) gives a population of the posterior and its evidence,
 # moved from the prior through rising powers of the likelihood.
 # {py:func}`~emcee_femu.anneal` does this in one call.
-# `python examples/how_to/annealing.py` runs this page in some 5 s.
+# `python examples/how_to/annealing.py` runs this page in some 5 s, on simulated data.
 
 # %%
 import emcee_femu as ef

@@ -9,8 +9,8 @@
 # ## The program
 #
 # A few lines of Python replace the program here, so that this page runs on every
-# machine: two storeys of 16.5 t and 16.1 t. Like an FE program, it reads `job.inp` and
-# writes `job.dat` in the folder where it is started.
+# machine: two storeys of 16.5 t and 16.1 t, with simulated data. Like an FE program, it
+# reads `job.inp` and writes `job.dat` in the folder where it is started.
 
 # %%
 import subprocess

@@ -2,10 +2,10 @@
 # # CalculiX, end to end
 #
 # A steel beam of three parts is clamped at one end and rests on an elastic bearing at
-# the other. Six measured frequencies, three of each bending plane, are to determine the
-# stiffness of the three parts and of the bearing. CalculiX solves the beam with solid
-# elements, as a program that is started anew for each solve. The page updates it both
-# ways:
+# the other. Six measured frequencies (simulated here), three of each bending plane, are
+# to determine the stiffness of the three parts and of the bearing. CalculiX solves the
+# beam with solid elements, as a program that is started anew for each solve. The page
+# updates it both ways:
 #
 # - **(a) as a black box**: the frequencies are read from its output, `emulate` learns
 #   them from some tens of solves, and `certify` checks the posterior with some more;

@@ -4,7 +4,7 @@
 # Read the modes of a test into {py:class}`~emcee_femu.Measurements`, the one object
 # that terms and pairing take. They come from arrays, a CSV file that you fill in
 # yourself, a universal file of a test system, or an identification by pyOMA2.
-# `python examples/how_to/csv_and_uff.py` runs this page (2 s).
+# `python examples/how_to/csv_and_uff.py` runs this page (2 s). Its numbers are made up.
 #
 # ## From arrays
 #

@@ -3,7 +3,8 @@
 #
 # Return the mode shapes, declare them, and return a closed set of modes; `emulate` does
 # the rest. This page shows why, and what it gains.
-# `python examples/how_to/emulated_crossing_modes.py` runs it (6 s of processor time).
+# `python examples/how_to/emulated_crossing_modes.py` runs it (6 s of processor time) on
+# made-up data.
 #
 # ## The kink
 #

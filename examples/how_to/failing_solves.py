@@ -4,7 +4,8 @@
 # Some parameter sets cannot be solved: the program does not converge, hangs, or returns
 # fewer modes. By default that stops the run, with nothing lost; with
 # `on_failure="reject"` the run continues and counts failures.
-# `python examples/how_to/failing_solves.py` runs this page (5 s of processor time).
+# `python examples/how_to/failing_solves.py` runs this page (5 s of processor time) on
+# simulated data.
 #
 # ## Stop, and say where
 #

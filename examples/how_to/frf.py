@@ -5,8 +5,8 @@
 # without identifying modes first, and infer the damping too.
 # `python examples/how_to/frf.py` runs this page (4 s).
 #
-# A hammer or shaker test gives FRFs: response over force. Here a three-storey frame is
-# excited at the roof and measured at the roof and the first floor.
+# A hammer or shaker test gives FRFs: response over force. Here a simulated three-storey
+# frame is excited at the roof and measured at the roof and the first floor.
 #
 # ## The model
 #

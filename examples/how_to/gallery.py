@@ -6,7 +6,7 @@
 # figure: save it with `figure.savefig("name.pdf")`. {doc}`tables_and_figures` explains
 # what they show.
 #
-# The structure is a shear building of three storeys with two measured modes.
+# The structure is a simulated shear building of three storeys with two measured modes.
 
 # %%
 import numpy as np

@@ -3,7 +3,7 @@
 #
 # Pass the derivatives of an FE program to the posterior, so that its gradient costs one
 # solve, and see what happens without them. `python examples/how_to/gradients.py` runs
-# this page (2 s).
+# this page (2 s). The data are made up.
 #
 # Searches for maxima ({doc}`first_look`), `"auto"`, and
 # {py:class}`~emcee_femu.moves.HamiltonianMove` for ten parameters and more use

@@ -4,7 +4,7 @@
 # Read K and M from the files of CalculiX, Abaqus, Nastran, ANSYS or any other program,
 # and give their rows the names of the test's sensors. The model made from them solves
 # thousands of parameter sets without the program. `python examples/how_to/matrices.py`
-# runs this page (2 s).
+# runs this page (2 s). Its numbers are made up.
 #
 # {py:func}`~emcee_femu.read_matrices` reads what a program exports, and
 # {py:meth}`MatrixModel.from_differences <emcee_femu.MatrixModel.from_differences>`

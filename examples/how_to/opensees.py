@@ -5,11 +5,11 @@
 # in the loop. `python examples/how_to/opensees.py` runs this page (3 s); it takes
 # `pip install "emcee_femu[opensees]"`.
 #
-# A frame of two storeys and one bay is updated from four measured frequencies, with
-# three factors: on the stiffness of the lower columns, of the upper columns and of the
-# beams. OpenSees assembles its matrices for four parameter sets, and the sampler works
-# with these. {py:func}`~emcee_femu.from_opensees` reads K, M and the name of every row
-# from the model that is currently in OpenSees.
+# A frame of two storeys and one bay is updated from four measured frequencies
+# (simulated here), with three factors: on the stiffness of the lower columns, of the
+# upper columns and of the beams. OpenSees assembles its matrices for four parameter
+# sets, and the sampler works with these. {py:func}`~emcee_femu.from_opensees` reads K,
+# M and the name of every row from the model that is currently in OpenSees.
 
 # %%
 import ctypes

@@ -11,8 +11,8 @@
 # and the figures.
 #
 # Here the deflections of a cantilever under a load at its tip determine its bending
-# stiffness. (For linear static tests there are a model and a term already:
-# {doc}`static_test`.)
+# stiffness; they are made up. (For linear static tests there are a model and a term
+# already: {doc}`static_test`.)
 
 # %%
 import numpy as np

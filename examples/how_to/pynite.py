@@ -6,9 +6,9 @@
 # `pip install "emcee_femu[pynite]"`.
 #
 # A steel platform on four columns carries a pump on one of its long beams. It is
-# updated from five measured frequencies, with three factors: on the stiffness of the
-# columns, of the long beams and of the short beams. PyNite assembles its matrices for
-# four parameter sets, and the sampler works with these.
+# updated from five measured frequencies (simulated here), with three factors: on the
+# stiffness of the columns, of the long beams and of the short beams. PyNite assembles
+# its matrices for four parameter sets, and the sampler works with these.
 # {py:func}`~emcee_femu.from_pynite` reads K, M and the name of every row from an
 # analysed PyNite model.
 

@@ -5,8 +5,8 @@
 # with the scatter of the tests as its error, covariance included.
 # `python examples/how_to/repeated_tests.py` runs this page (3 s).
 #
-# Six tests of a frame on six days; the frequencies of a day rise and fall together,
-# since temperature changes all of them.
+# Six tests of a frame on six days (made-up numbers); the frequencies of a day rise and
+# fall together, since temperature changes all of them.
 
 # %%
 import textwrap

@@ -6,9 +6,10 @@
 # `pip install "emcee_femu[skfem]"`.
 #
 # A plate clamped along one edge may have lost stiffness in any of four strips. Eight
-# measured frequencies are to determine the bending stiffness of each. scikit-fem
-# assembles a form whose coefficient is a field, one number for each element of the
-# mesh; {py:func}`~emcee_femu.from_skfem` leaves the held DOFs out and names the others.
+# measured frequencies (simulated here) are to determine the bending stiffness of each.
+# scikit-fem assembles a form whose coefficient is a field, one number for each element
+# of the mesh; {py:func}`~emcee_femu.from_skfem` leaves the held DOFs out and names the
+# others.
 
 # %%
 import numpy as np

@@ -2,7 +2,8 @@
 # # Combine a static and a modal test
 #
 # Update one model from deflections under known loads and from natural frequencies
-# together. `python examples/how_to/static_test.py` runs this page (4 s).
+# together. `python examples/how_to/static_test.py` runs this page (4 s) on made-up
+# tests.
 #
 # Frequencies determine stiffness over mass, deflections under known loads stiffness
 # alone. Neither test determines the mass; both together do.

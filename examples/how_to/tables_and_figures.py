@@ -4,7 +4,8 @@
 # Turn any table into a pandas frame, and so into CSV, LaTeX or Markdown. Give figures
 # units and reference values, draw the structure and its mode shapes, and save figures
 # for print. Pass the samples to ArviZ, corner and netCDF.
-# `python examples/how_to/tables_and_figures.py` runs this page (10 s).
+# `python examples/how_to/tables_and_figures.py` runs this page (10 s) on simulated
+# data.
 
 # %%
 import tempfile

@@ -5,9 +5,10 @@
 # move connects the modes. This page helps to choose such a move.
 # `python examples/how_to/tempering.py` runs this page in some 5 s.
 #
-# For two storeys of equal mass, both frequencies were measured, but no shape. The
-# stiffnesses k1 of the ground storey and k2 of the upper one give the same frequencies
-# as 2 k2 and k1 / 2. So the soft storey may be the upper or the lower one:
+# For two storeys of equal mass, both frequencies were measured (here they are
+# computed), but no shape. The stiffnesses k1 of the ground storey and k2 of the upper
+# one give the same frequencies as 2 k2 and k1 / 2. So the soft storey may be the upper
+# or the lower one:
 
 # %%
 import numpy as np

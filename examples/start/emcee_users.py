@@ -8,7 +8,7 @@
 #
 # ## The function
 #
-# Here a straight line is fitted to 20 points, with an error of unknown size. What the
+# Here a line is fitted to 20 simulated points, with an error of unknown size. What the
 # function returns after its value is a blob, as in emcee: here the line at x = 10.
 
 # %%

@@ -1,9 +1,9 @@
 # %% [markdown]
 # # The first messages, and what they mean
 #
-# Five common messages of the first hour, each with its cause and its remedy. All of them
-# come before or at the first solve, so that no long run is lost.
-# `python examples/start/first_messages.py` runs this page.
+# Five common messages of the first hour, each with its cause and its remedy. All of
+# them come before or at the first solve, so that no long run is lost.
+# `python examples/start/first_messages.py` runs this page. Its data are made up.
 
 # %%
 import sys

@@ -1,8 +1,8 @@
 # %% [markdown]
 # # A first posterior
 #
-# Two measured frequencies update two stiffnesses, in 15 lines. The model is a function
-# from parameters to natural frequencies; it may call any solver.
+# Two measured frequencies (simulated here) update two stiffnesses, in 15 lines. The
+# model is a function from parameters to natural frequencies; it may call any solver.
 # `python examples/start/first_posterior.py` runs this page.
 
 # %%

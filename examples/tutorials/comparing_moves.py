@@ -3,7 +3,7 @@
 #
 # Which sampler is good for *your* posterior? This page measures it, explains the table,
 # and shows how certain the answer is. `python examples/tutorials/comparing_moves.py`
-# runs this page in some 10 s.
+# runs this page in some 10 s. Its building and frequencies are made up.
 #
 # ## What to measure
 #

@@ -6,7 +6,8 @@
 # modes are so close that their shapes mix. It also shows how to read the pairing of a
 # finished run.
 #
-# `python examples/tutorials/crossing_modes.py` runs this page (8 s).
+# `python examples/tutorials/crossing_modes.py` runs this page (8 s). The test is
+# simulated.
 
 # %%
 import numpy as np

@@ -5,7 +5,7 @@
 # derivatives. This page learns its response from some twenty solves, samples what was
 # learned, and spends sixty more solves to check the result. It also shows what to do if
 # the check fails. `python examples/tutorials/hundred_solves.py` runs this page (28 s of
-# processor time).
+# processor time). Structure and data are simulated.
 #
 # | a solve takes | and you have | use | true solves |
 # |---|---|---|---|

@@ -5,6 +5,7 @@
 # It need not be. Some fifty full solves make a small model that replaces it, with a
 # certificate of its error; a solve of the small model takes well under a millisecond.
 # `python examples/tutorials/large_models.py` runs this page (10 s of processor time).
+# Structure and data are simulated.
 #
 # ## The matrices
 #

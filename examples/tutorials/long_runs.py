@@ -5,7 +5,7 @@
 # not converge. This page keeps a run in a file, kills it and continues it, and shows
 # what happens if the model has changed. It also covers failed solves, several processes
 # and the job script of a cluster. `python examples/tutorials/long_runs.py` runs this
-# page (12 s of processor time).
+# page (12 s of processor time). The measured frequencies are made up.
 #
 # ## A run in a file
 #

@@ -3,8 +3,9 @@
 #
 # The same structure, tested again, is not quite the same: temperature, assembly, loads
 # and excitation change. This page shows how much the parameters of a structure vary
-# from test to test, what this depends on, and what to expect of the next test.
-# `python examples/tutorials/many_tests.py` runs this page in some 10 s.
+# from test to test, what this depends on, and what to expect of the next test. The
+# tests are simulated, so the answer is known. `python examples/tutorials/many_tests.py`
+# runs this page in some 10 s.
 #
 # A single posterior of all data answers another question. It assumes that the
 # parameters are constant, so its standard deviations shrink with the number of tests,
@@ -14,9 +15,9 @@
 # ## Sixteen tests
 #
 # A two-storey frame on soft soil is tested on 16 days between -4 and 33 degrees. The
-# tests are simulated, so the answer is known. The frame loses 0.4 % of its stiffness a
-# degree, and scatters by 1.5 %. The soil does not depend on temperature, but varies
-# from day to day by 6 %. Three frequencies are measured, with errors of 0.5 %.
+# frame loses 0.4 % of its stiffness a degree, and scatters by 1.5 %. The soil does not
+# depend on temperature, but varies from day to day by 6 %. Three frequencies are
+# measured, with errors of 0.5 %.
 
 # %%
 import numpy as np

@@ -2,10 +2,10 @@
 # # A modal test, from CSV to verdict
 #
 # This page updates a frame model with a table of measured frequencies and mode shapes,
-# checks whether the result can be trusted, and reports it. The structure is a
-# two-storey steel frame of one bay, 6.0 m by 5.6 m; eight accelerometers found six
-# modes. The stiffnesses of the columns, of the beams along x and of the beams along y
-# are unknown.
+# checks whether the result can be trusted, and reports it. The test is simulated: the
+# structure is a two-storey steel frame of one bay, 6.0 m by 5.6 m; eight accelerometers
+# found six modes. The stiffnesses of the columns, of the beams along x and of the beams
+# along y are unknown.
 #
 # `python examples/tutorials/modal_test.py` runs this page (15 s) and leaves its
 # files in `figures/modal_test`.

@@ -4,7 +4,7 @@
 # How many parameters do the data justify? A *model class* is a model, its parameters
 # and their prior. This page compares classes by their evidence, and shows what such a
 # comparison depends on. `python examples/tutorials/model_classes.py` runs this page in
-# some 6 s.
+# some 6 s. Its building and frequencies are made up.
 #
 # More parameters always fit better, so the fit cannot choose. The *evidence* can. It is
 # the probability density that a class gave to the measurements D before they were made:

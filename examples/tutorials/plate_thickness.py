@@ -4,7 +4,7 @@
 # This page updates a thickness, a modulus and the stiffness of a support. Thickness and
 # modulus are not simple factors of K and M, so you say what multiplies each matrix,
 # reduce the model, and sample. `python examples/tutorials/plate_thickness.py` runs this
-# page (10 s).
+# page (10 s). The test is simulated.
 #
 # An aluminium plate is bolted to a wall along one edge. Its thickness was not measured, the
 # bolts give way a little, and a shaker of 0.3 kg hangs at a free corner.

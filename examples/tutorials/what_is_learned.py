@@ -5,7 +5,8 @@
 # sensors accordingly. After the test, you can separate what the data say from what only
 # the prior says, and see what to add if a parameter stays unknown.
 #
-# `python examples/tutorials/what_is_learned.py` runs this page (6 s).
+# `python examples/tutorials/what_is_learned.py` runs this page (6 s). The test is
+# simulated.
 
 # %%
 import textwrap
