@@ -13,7 +13,6 @@ it is installed: ``pip install dime-sampler``.
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/benchmark.py
 """
 
-import argparse
 import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from typing import Any
 
 import emcee
 import numpy as np
-from hard_posteriors import FreeModel
+from commands import command
 
 import emcee_femu as ef
 from emcee_femu.moves.mixture import Mixture
@@ -47,11 +46,11 @@ def free_target(
     names = [f"x{i}" for i in range(len(spread))]
     prior = ef.GaussianPrior(names, np.zeros(len(spread)), spread)
 
-    def density(parameters: Any, modes: Any) -> Floats:
-        theta = np.stack([parameters[key] for key in names], axis=1)
-        return log_density(theta) - prior.logpdf(theta)  # so that the prior cancels
+    def density(x: Floats) -> Floats:
+        return log_density(x) - prior.logpdf(x)  # so that the prior cancels
 
-    return Target(name, ef.LogPosterior(FreeModel(), density, prior), mean, sd)
+    posterior = ef.LogPosterior.from_function(density, prior, vectorize=True)
+    return Target(name, posterior, mean, sd)
 
 
 def fe5() -> Target:
@@ -185,8 +184,4 @@ def main(
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=8_000)
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--only", default="", help="fe5, g20 or bim5")
-    main(**vars(parser.parse_args()))
+    command(main)

@@ -20,12 +20,12 @@ walkers, together as ``run`` has them on a pool, and one after another.
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/cluster_scaling.py
 """
 
-import argparse
 import heapq
 import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+from commands import command
 
 import emcee_femu as ef
 from emcee_femu.table import Table
@@ -35,13 +35,7 @@ WALKERS_PER_WORKER = (2, 4, 8, 16)
 
 
 def makespan(times: np.ndarray, workers: int, dispatch: float = 0.0) -> float:
-    """Return when the last job ends, each given to the next free worker in turn.
-
-    Args:
-        times: Duration of every job.
-        workers: How many work at once.
-        dispatch: What it takes the master to hand out one job.
-    """
+    """Return when the last job ends, each given to the next free worker in turn."""
     free = [0.0] * workers  # when each worker is free: a heap
     for number, duration in enumerate(times, 1):
         start = max(free[0], number * dispatch)
@@ -49,14 +43,7 @@ def makespan(times: np.ndarray, workers: int, dispatch: float = 0.0) -> float:
     return max(free)
 
 
-def efficiency(
-    workers: int,
-    jobs: int,
-    cov: float,
-    dispatch: float = 0.0,
-    repeats: int | None = None,
-    seed: int = 0,
-) -> float:
+def efficiency(workers: int, jobs: int, cov: float, dispatch: float = 0.0) -> float:
     """Return the share of the workers' time that is spent in the solver.
 
     Args:
@@ -64,35 +51,22 @@ def efficiency(
         jobs: Evaluations at once: walkers over splits.
         cov: Coefficient of variation of the solver's log-normal time.
         dispatch: Time to hand out one job, as a share of the mean solver time.
-        repeats: Simulated half-generations; None for as many as hold JOBS jobs.
-        seed: A whole number.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     sigma = np.sqrt(np.log1p(cov**2))
-    repeats = -(-JOBS // jobs) if repeats is None else repeats
-    times = rng.lognormal(-0.5 * sigma**2, sigma, (repeats, jobs))  # of mean 1
+    times = rng.lognormal(-0.5 * sigma**2, sigma, (-(-JOBS // jobs), jobs))  # mean 1
     ends = [makespan(row, workers, dispatch) for row in times]
     return float(times.sum() / (workers * np.sum(ends)))
 
 
-def simulated(
-    mean: float = 60.0,
-    cov: float = 0.3,
-    dispatch: float = 1e-3,
-    most: int = 1_000,
-) -> Table:
+def simulated(mean: float, cov: float, dispatch: float, most: int) -> Table:
     """Tabulate the efficiency in percent for clusters of up to ``most`` workers."""
     sizes = [size for size in (1, 2, 8, 32, 128, 512, 1_000) if size <= most]
-    rows = [
-        (
-            size,
-            *(
-                100 * efficiency(size, k * size // 2, cov, dispatch / mean)
-                for k in WALKERS_PER_WORKER
-            ),
-        )
-        for size in sizes
-    ]
+    rows = []
+    for size in sizes:
+        jobs = [k * size // 2 for k in WALKERS_PER_WORKER]
+        busy = [100 * efficiency(size, n, cov, dispatch / mean) for n in jobs]
+        rows.append((size, *busy))
     return Table(
         f"Simulated: efficiency in %; a solve of {mean:g} s, c.o.v. {cov:g}, "
         f"{1e3 * dispatch:g} ms to hand it out",
@@ -141,7 +115,15 @@ def main(
     most: int = 1_000,
     solve: float = 0.05,
 ) -> list[Table]:
-    """Print and return the tables: equal times, the given scatter, a large one."""
+    """Print and return the tables: equal times, the given scatter, a large one.
+
+    Args:
+        mean: Seconds of a solve.
+        cov: Coefficient of variation of these seconds.
+        dispatch: Seconds to hand out one job.
+        most: Workers, at most.
+        solve: Seconds of a solve where it is slept.
+    """
     tables = [simulated(mean, scatter, dispatch, most) for scatter in (0.0, cov, 1.0)]
     tables.append(measured(solve, most=min(most, 32)))
     print(*tables, sep="\n\n")
@@ -149,10 +131,4 @@ def main(
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--mean", type=float, default=60.0, help="seconds of a solve")
-    parser.add_argument("--cov", type=float, default=0.3, help="of the solver's time")
-    parser.add_argument("--dispatch", type=float, default=1e-3, help="seconds per task")
-    parser.add_argument("--most", type=int, default=1_000, help="workers")
-    parser.add_argument("--solve", type=float, default=0.05, help="seconds, slept")
-    main(**vars(parser.parse_args()))
+    command(main)

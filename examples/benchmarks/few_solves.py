@@ -13,26 +13,18 @@ problems are
     tower        16 stiffnesses of 8 storeys in two directions, whose modes come in
                  close pairs; 4 frequencies and 32 shape ordinates, paired
 
-Each seed begins with nothing but the prior and the data. ``emulate`` gets as many
-solves as the bar allows, and "auto" samples the emulated posterior. A mixture is
-fitted to its chain and to one of the true posterior, since a chain may have missed
-parts of it. Means and standard deviations of both posteriors are those of the same
-weighted draws of that mixture, so that chance hardly affects their difference. The
-bar: means within .05 standard deviations, standard deviations within 5 %, and the
-weight of Beck and Au's two modes within .02. For the tower it is an effective share
-of .75.
-
-Then ``certify``, with its own solves, gives the effective share of full solves at
-independent draws, and Pareto k. Overhead is the process time of emulator, sampling
-and certificate without the solves.
+``emulate`` gets as many solves as the bar allows, and "auto" samples the emulated
+posterior. Both posteriors are compared by the same weighted draws of a mixture fitted
+to their chains, so that chance hardly affects the difference. The bar: means within .05
+standard deviations, standard deviations within 5 %, and the weight of Beck and Au's
+two modes within .02; for the tower an effective share of .75. ``certify`` has solves of
+its own. Seconds are process time without the solves.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/few_solves.py --seeds 10
 
-With ``--workers 16`` a round has 16 points; a third more solves are allowed, in at most
-six rounds.
+With ``--workers 16`` a round has 16 points: a third more solves, in at most six rounds.
 """
 
-import argparse
 import functools
 import time
 import warnings
@@ -44,12 +36,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from buildings import draw, measure, shear_building, terms_of
+from commands import command, tabulate
 from evidence import beck_au as beck_au_exactly
 
 import emcee_femu as ef
 from emcee_femu.moves.mixture import Mixture
 from emcee_femu.sampling.record import Run
-from emcee_femu.table import Table
 
 Floats = np.ndarray
 FIRST_SEED = 100  # of the published table; others served to develop
@@ -66,7 +58,7 @@ COLUMNS = {
     "efficiency": ".3f", "least": ".3f", "worst k": ".2f", "certified": "d",
     "seconds": ".0f",
 }  # fmt: skip
-KINDS = {False: "values only", True: "with derivatives"}
+KINDS = {"values only": False, "with derivatives": True}
 
 
 class BlackBox:
@@ -345,50 +337,53 @@ def judge(
     )
 
 
-def tabulate(results: dict[tuple[str, bool], list[Seed]]) -> Table:
-    """Return one row a problem: all its seeds, or the worst or the median of them."""
-    rows = []
-    for (name, kind), seeds in results.items():
-        worst, median, least = (
-            Seed(*map(pick, zip(*(s._replace(verdict=0) for s in seeds), strict=True)))
-            for pick in (max, np.median, min)
-        )
-        met = f"{sum(s.good(name) for s in seeds)} of {len(seeds)}"
-        sure = sum(s.verdict == "certified" for s in seeds)
-        rows.append((
-            name, KINDS[kind], worst.solves, worst.rounds, met, median.mean, worst.mean,
-            median.sd, worst.sd, median.efficiency, least.efficiency, worst.pareto_k,
-            sure, median.seconds,
-        ))  # fmt: skip
+def summarize(name: str, learned: str, seeds: list[Seed]) -> tuple[object, ...]:
+    """Return the row of a problem: all, the worst or the median of its seeds."""
+    worst, median, least = (
+        Seed(*map(pick, zip(*(s._replace(verdict=0) for s in seeds), strict=True)))
+        for pick in (max, np.median, min)
+    )
+    met = f"{sum(s.good(name) for s in seeds)} of {len(seeds)}"
+    sure = sum(s.verdict == "certified" for s in seeds)
+    return (
+        name, learned, worst.solves, worst.rounds, met, median.mean, worst.mean,
+        median.sd, worst.sd, median.efficiency, least.efficiency, worst.pareto_k,
+        sure, median.seconds,
+    )  # fmt: skip
+
+
+def main(
+    seeds: int = 20,
+    first: int = FIRST_SEED,
+    problem: tuple[str, ...] = tuple(PROBLEMS),
+    solves: int | None = None,
+    workers: int = 1,
+    learned: tuple[str, ...] = tuple(KINDS),
+) -> dict[tuple[str, str], list[Seed]]:
+    """Print a line a seed as it ends, then the table.
+
+    Args:
+        seeds: How many.
+        first: The first of them.
+        problem: Names of problems.
+        solves: Others than the bar's.
+        workers: Points of a round.
+        learned: "values only", "with derivatives", or both.
+    """
+    results: dict[tuple[str, str], list[Seed]]
+    results = {key: [] for key in product(problem, learned)}
+    for (name, kind), seed in product(results, range(first, first + seeds)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            one = judge(name, KINDS[kind], seed, solves, workers)
+        results[name, kind].append(one)
+        shown = (f"{v:.3g}" if isinstance(v, float) else v for v in one)
+        mark = "met" if one.good(name) else "MISSED"
+        print(name, kind, seed, mark, *shown, sep="  ", flush=True)
     title = "Posteriors in few solves; medians of the seeds, and the worst of them"
-    return Table(title, tuple(COLUMNS), tuple(COLUMNS.values()), tuple(rows))
-
-
-def main() -> dict[tuple[str, bool], list[Seed]]:
-    """Print a line a seed as it ends, then the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first", type=int, default=FIRST_SEED)
-    parser.add_argument("--problem", action="append", choices=list(PROBLEMS))
-    parser.add_argument("--solves", type=int, help="others than the bar's")
-    parser.add_argument("--workers", type=int, default=1, help="points of a round")
-    parser.add_argument("--learned", choices=list(KINDS.values()), help="one of them")
-    given = parser.parse_args()
-    kinds = [kind for kind in KINDS if given.learned in (None, KINDS[kind])]
-    results: dict[tuple[str, bool], list[Seed]]
-    results = {key: [] for key in product(given.problem or PROBLEMS, kinds)}
-    for seed in range(given.first, given.first + given.seeds):
-        for name, kind in results:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                one = judge(name, kind, seed, given.solves, given.workers)
-            results[name, kind].append(one)
-            shown = (f"{v:.3g}" if isinstance(v, float) else v for v in one)
-            mark = "met" if one.good(name) else "MISSED"
-            print(name, KINDS[kind], seed, mark, *shown, sep="  ", flush=True)
-    print(tabulate(results))
+    tabulate(title, COLUMNS, (summarize(*key, found) for key, found in results.items()))
     return results
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

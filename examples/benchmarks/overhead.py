@@ -10,13 +10,13 @@ with the same posterior written as most scripts are: one walker at a time,
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/overhead.py
 """
 
-import argparse
 import time
 from collections.abc import Callable
 from typing import Any
 
 import emcee
 import numpy as np
+from commands import command
 from scipy.linalg import eigh
 
 import emcee_femu as ef
@@ -31,10 +31,8 @@ def looped_mass_spring() -> Callable[[np.ndarray], float]:
     """Return the mass-spring log-posterior of one walker, written by hand."""
     problem = ef.paper.mass_spring()
     mass = np.diag(problem.model.masses)
-    ends = {
-        "k1": (0, 4), "k2": (0, 1), "k3": (1, 4), "k4": (1, 3), "k5": (3, 4),
-        "k6": (0, 3), "k7": (0, 2), "k8": (2, 3), "k9": (0, 3), "k10": (3, 5),
-    }  # fmt: skip
+    ends = [(0, 4), (0, 1), (1, 4), (1, 3), (3, 4), (0, 3), (0, 2), (2, 3), (0, 3)]
+    ends = {f"k{i}": pair for i, pair in enumerate([*ends, (3, 5)], 1)}
     fixed = {"k3": 3200.0, "k5": 1840.0, "k9": 2800.0, "k10": 2000.0}
     names = problem.posterior.names
     low, high = problem.posterior.prior.bounds.T
@@ -47,10 +45,8 @@ def looped_mass_spring() -> Callable[[np.ndarray], float]:
         k["k7"] = k["k2"]
         K = np.zeros((6, 6))
         for name, (i, j) in ends.items():
-            K[i, i] += k[name]
-            K[j, j] += k[name]
-            K[i, j] -= k[name]
-            K[j, i] -= k[name]
+            K[[i, j], [i, j]] += k[name]
+            K[[i, j], [j, i]] -= k[name]
         f = np.sqrt(eigh(K[1:, 1:], mass, eigvals_only=True)) / (2 * np.pi)
         misfit = 6.8e5 * (((problem.measured - f) / problem.measured) ** 2).sum()
         return float(-0.5 * misfit - 0.5 * (((theta - mean) / 1e3) ** 2).sum())
@@ -111,7 +107,4 @@ def main(blocks: int = 40, n: int = 300) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--blocks", type=int, default=40)
-    parser.add_argument("--n", type=int, default=300)
-    main(**vars(parser.parse_args()))
+    command(main)
