@@ -53,17 +53,10 @@ for seed in (2, 3, 4):
 # measured](../explanation/moves_measured.md#tmcmc-how-many-members) has figures,
 # including a funnel, whose neck it misses.
 #
-# No error is claimed there, and `problems` says why: the last proposals, fitted to the
-# population, have heavy-tailed weights. The mean weight of these proposals is a second
-# estimate of the evidence. If it differs from the first by more than 2.5 standard
-# errors, no error is claimed either. Chance alone does that to one or two populations
-# in a hundred; another seed, or a larger size, has an error then.
-#
-# Moves are independence proposals and random walks. Each half of the population is
-# fitted to the other half; a population fitted to itself gives too large an evidence.
-# Parameters between two bounds move in logits, those above zero in logarithms, so that
-# a posterior at a bound has no edge. At each power, the slowest quarter of the members,
-# not the average, decides when the sweeps end.
+# No error is claimed if the last proposals, fitted to the population, have heavy-tailed
+# weights, or if their mean weight, a second estimate of the evidence, differs from the
+# first by more than 2.5 standard errors; `problems` says why. Another seed, or a larger
+# size, may have an error then.
 #
 # Use the evidence in [a comparison of model classes](../tutorials/model_classes.py):
 # `compare_models({"A": population_a, "B": population_b})`.

@@ -79,13 +79,7 @@ mmwrite(folder / "M.mtx", M, symmetry="symmetric")
 rows = folder / "rows.txt"
 rows.write_text("1.1\n2.1\n3.1\n")
 
-base = ef.read_matrices(
-    {
-        "K": folder / "K.mtx",
-        "M": folder / "M.mtx",
-        "dofs": rows,
-    }
-)
+base = ef.read_matrices({"K": folder / "K.mtx", "M": folder / "M.mtx", "dofs": rows})
 print(base)
 
 # %% [markdown]
@@ -123,10 +117,7 @@ paired({"columns": [0.6, 1.0]}).frequencies.round(3)  # two parameter sets
 # used. If K is not a polynomial of a parameter, the error says how far it is off.
 #
 # Moduli, densities, areas and springs are linear and need one export, better two. A
-# plate's thickness (t and t³) needs three. Parameters that multiply each other, such as
-# E and I of the same member, cannot be found from exports in which one is changed. If
-# you have the parts, say what multiplies them: `MatrixModel(K0, M0, K={"bending": (K3,
-# lambda E, t: E * t**3)}, n_modes=3)`.
+# plate's thickness (t and t³) needs three.
 #
 # A matrix counts as unchanged below 1e-9 of its diagonal. Rounding errors in other
 # entries, below 1e-12, are dropped, so that $K_j$ has entries only where the parameter
@@ -135,7 +126,8 @@ paired({"columns": [0.6, 1.0]}).frequencies.round(3)  # two parameter sets
 # A model of a few hundred DOFs is faster with dense matrices (`base.K.toarray()`).
 # Models of thousands stay sparse; {py:func}`~emcee_femu.reduce_model` reduces them
 # ({doc}`/tutorials/large_models`). {doc}`calculix` goes from the program to the
-# posterior.
+# posterior. If parameters multiply each other, such as E and t³ of a plate, say what
+# multiplies each matrix: {doc}`/tutorials/plate_thickness`.
 #
 # ## What to know of each program
 #
@@ -158,14 +150,11 @@ paired({"columns": [0.6, 1.0]}).frequencies.round(3)  # two parameter sets
 # - **ANSYS** `.full` files are read by PyMAPDL-Reader, which runs with NumPy 2 from
 #   version 0.56 and installs VTK.
 #
-# Results agree with the programs' own frequencies: CalculiX 2.20 (six modes each of a
-# beam of C3D20 bricks, clamped and free, of B31, B32 and B32R beams, S4, S8 and S8R
-# shells: to 4 decimals, and the bricks again after changes of E and density by 30 %
-# through `from_differences`), MSC Nastran 2013 (a public punch file with its
-# eigenvalues: all 7 printed digits), ANSYS 15 (the clamped beam that comes with the
-# reader: its torsion and axial modes are half of those of the same beam, free, to about
-# 1 %). Readers of Abaqus files, of OP4 and of Harwell-Boeing are tested on files written
-# by their published formats, the last against `scipy.io.hb_read` too.
+# Results agree with the programs' own frequencies: CalculiX 2.20 (beams and shells, to 4
+# decimals, and after changes of E and density by 30 % through `from_differences`), MSC
+# Nastran 2013 (a public punch file with its eigenvalues: all 7 printed digits), ANSYS 15
+# (the clamped beam that comes with the reader, to about 1 %). Readers of Abaqus files, of
+# OP4 and of Harwell-Boeing are tested on files written by their published formats.
 
 # %% tags=["remove-cell"]
 from scipy.linalg import eigh

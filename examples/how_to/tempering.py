@@ -40,7 +40,7 @@ def shares(run, discard=100):  # of a stiff ground storey, by ensemble
 # choice, as always:
 
 # %%
-auto = ef.run(posterior, steps=200, seed=1)
+auto = ef.run(posterior, seed=1)
 print("auto ", shares(auto, 0))
 
 # %% [markdown]
@@ -89,14 +89,9 @@ bridged = ef.log_evidence(auto)
 print(bridged)
 
 # %% [markdown]
-# The figure shows both modes, as the smallest regions that hold 95 % and 50 % of the
-# samples. A mean and a standard deviation do not describe such a posterior: report the
-# modes one by one.
-
-# %% mystnb={"image": {"alt": "Scatter of ground and upper stiffness: two separate small clouds, a stiff storey on a soft one, and a soft one on a stiff one"}}
-ef.figures.plot_scatter(idata)
-
-# %% [markdown]
+# A mean and a standard deviation do not describe such a posterior: report the modes one by
+# one.
+#
 # - Conversion, tables, figures and `diagnose` use only the cold walkers.
 # - `nwalkers` counts all blocks together, a multiple of the number of betas; the
 #   default is as many for each as `run` would take.

@@ -21,12 +21,9 @@ import emcee_femu as ef
 # %% [markdown]
 # ## What was measured
 #
-# Write the test report as a CSV file, by hand if you like. The first line has the
-# titles `quantity,sensor,dof`, then one per mode. `sensor` is any name; `dof` is the
-# sensor's place in the model: `8:ux` is the displacement of node 8 along x. Frequencies
-# are required. Standard deviations and shapes are optional, but without shapes modes
-# cannot be paired. Shapes may have any scale and sign. [CSV and universal
-# files](../how_to/csv_and_uff.py) has all rows.
+# Write the test report as a CSV file, by hand if you like. `sensor` is any name; `dof` is
+# its place in the model: `8:ux` is the displacement of node 8 along x. [CSV and
+# universal files](../how_to/csv_and_uff.py) has all rows.
 
 # %%
 directory = Path("figures/modal_test")
@@ -137,13 +134,12 @@ posterior = ef.LogPosterior(paired, terms, prior, units)
 # %% [markdown]
 # ## Sampling, and the verdict
 #
-# {py:func}`~emcee_femu.run` with `"auto"` first searches for all maxima of the
-# posterior and builds a proposal from them. Four independent ensembles of walkers then
-# sample with it, since only chains with separate starts can disagree. 200 steps are
-# short; a real study may take 2,000.
+# {py:func}`~emcee_femu.run` first searches for all maxima of the posterior and builds a
+# proposal from them. Four independent ensembles of walkers then sample with it, since
+# only chains with separate starts can disagree. It ends when they have converged.
 
 # %%
-run = ef.run(posterior, steps=200, seed=2)
+run = ef.run(posterior, seed=2)
 idata = ef.to_inference_data(run)
 diagnosis = ef.diagnose(run)
 diagnosis
@@ -152,7 +148,8 @@ diagnosis
 # Read the last three lines first. Go on only if they say "Chains: converged". "Search"
 # states a limit of every sampler: it misses a maximum that neither the search nor a
 # walker came near. "Fit" says whether the updated model predicts what was measured.
-# [Reading the tables](../start/reading.md) explains the columns.
+# [Reading the tables](../start/reading.md) explains the columns, [the
+# verdict](../explanation/verdict.py) what to do if a statement is another.
 #
 # ## What was learned
 
@@ -171,8 +168,8 @@ truth = {"columns": 0.95 * 210, "beams x": 1.15 * 210, "beams y": 0.85 * 210}
 ef.figures.plot_scatter(idata, truths=truth)
 
 # %% [markdown]
-# Tilted ellipses show correlations: if the columns are stiffer, the beams must be
-# softer for the same frequency. The true values, in blue, lie inside.
+# If the columns are stiffer, the beams must be softer for the same frequency. The true
+# values, in blue, lie inside.
 #
 # ## Does the updated model fit?
 #
@@ -188,10 +185,9 @@ figure
 # %% [markdown]
 # A new measurement should lie on the thin line with 95 % probability, model error
 # included; zero is the measured value. All lines should cross zero, and here they do.
-# The MAC is about 0.97 for the modes that the uneven floors twist. It hardly changes
-# with the parameters: no stiffness can make up for a wrong mass. The shape error, one
-# for all modes, is therefore inferred at 0.06, three times the 0.02 with which the
-# sensors were simulated.
+# The MAC is about 0.97 for the modes that the uneven floors twist, whatever the
+# stiffnesses. The shape error, one for all modes, is therefore inferred at 0.06, three
+# times the 0.02 with which the sensors were simulated.
 #
 # The measured shapes (red) and the updated model (blue) on the structure: sway along y,
 # sway along x and torsion.
@@ -207,15 +203,8 @@ ef.pairing_table(idata)
 # In some samples the sway modes have changed places. A comparison in ascending order
 # would have used the wrong modes there (last column).
 #
-# ## When the verdict is different
-#
-# The statement says what to do, usually how many steps to run: a run in a file,
-# `backend="run.chain"`, continues with `resume=True` and more `steps`. [The
-# verdict](../explanation/verdict.py) lists all statements.
-#
-# If the problem remains, do not report numbers. Chains of a wrong model converge too.
-# If the fit is bad, look at `plot_predictive`, at the inferred errors, and at the
-# sentences of {py:func}`~emcee_femu.identifiability`:
+# If the fit is bad, do not report numbers: chains of a wrong model converge too. Look at
+# the inferred errors, and at the sentences of {py:func}`~emcee_femu.identifiability`:
 
 # %%
 print(*ef.identifiability(idata).findings, sep="\n")
@@ -223,34 +212,26 @@ print(*ef.identifiability(idata).findings, sep="\n")
 # %% [markdown]
 # ## The report
 #
-# Report the prior, the likelihood with its errors, the interval of each parameter and
-# its sd ratio, the verdict, and the predictive check. Tables convert to pandas; `idata`
-# is an ArviZ object with samples, predictions, priors and data in one file.
+# Tables convert to pandas; `idata` is an ArviZ object with samples, predictions, priors
+# and data in one file. {py:func}`~emcee_femu.report` writes all of it as one HTML page.
 
 # %%
 ef.parameter_table(idata).to_frame().to_csv(directory / "parameters.csv")
 figure.savefig(directory / "predicted.png", dpi=150)
 idata.to_netcdf(directory / "posterior.nc")
 
-draws = idata["posterior"]
-for name in model.names:
-    x = draws[name].values / 210
-    low, high = np.quantile(x, [0.025, 0.975])
-    print(f"{name}: {x.mean():.3f} ± {x.std():.3f} of nominal,", end=" ")
-    print(f"95 % interval {low:.2f} to {high:.2f}")
-print("Verdict:", diagnosis.short)
-
 # %% [markdown]
 # *Prior: lognormal, 210 GPa, 20 %, for each stiffness; half-normal for the errors.
 # Likelihood: six frequencies with 0.2 % of measurement error and an inferred model
 # error; six shapes at eight sensors. Modes paired by MAC. Four ensembles of 20 walkers,
-# 200 steps after burn-in.* A colleague needs no more to repeat it.
+# run until they had converged.* A colleague needs no more to repeat it.
 #
 # Next: [which parameters can be learned](what_is_learned.py), before and after a test;
 # or [your own FE program](../how_to/fe_programs.md) in place of the frame.
 
 # %% tags=["remove-cell"]
 assert diagnosis.converged
+draws = idata["posterior"]
 true = frame(3.4e-5, 4.6e-5)({name: np.array([x]) for name, x in truth.items()})
 off = (true.frequencies[0, :6] - test.frequencies) / test.sd
 assert np.abs(off).max() < 3  # the file is a test of the true frame, scattered by 0.2 %

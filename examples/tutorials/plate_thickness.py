@@ -92,9 +92,7 @@ model = ef.MatrixModel(
 print(f"{bending.shape[0]} DOFs; parameters {', '.join(model.names)}")
 
 # %% [markdown]
-# If a program gives matrices at several thicknesses instead, three exports are enough
-# for {py:meth}`~emcee_femu.MatrixModel.from_differences` to find t and t³. If K is not
-# a sum of given matrices (the place of a spring), use
+# If K is not a sum of given matrices (the place of a spring), use
 # {py:class}`~emcee_femu.AssembledModel`, a function from one parameter set to K and M.
 #
 # ## A small model
@@ -121,7 +119,7 @@ known = {"E": stats.norm(70, 2), "t": stats.norm(4, 0.2), "k": stats.loguniform(
 prior = ef.IndependentPrior(known, bounds=bounds)
 term = ef.FrequencyTerm(measured, relative_sd=NOISE)
 posterior = ef.LogPosterior(reduced, term, prior)
-run = ef.run(posterior, steps=400, seed=1)
+run = ef.run(posterior, seed=1)
 ef.diagnose(run)
 
 # %%
