@@ -40,13 +40,7 @@ modal = ef.MatrixModel(
     n_modes=3,
     shapes={"first": 0, "second": 1, "roof": 2},
 )
-model = ef.frf.FRFModel(
-    modal,
-    LINES,
-    CHANNELS,
-    damping="damping",
-    kind="accelerance",
-)
+model = ef.frf.FRFModel(modal, LINES, CHANNELS, damping="damping", kind="accelerance")
 
 # %% [markdown]
 # Modes that are left out add a constant flexibility below their frequencies; with
@@ -100,7 +94,7 @@ prior = ef.GaussianPrior(
     bounds=[(1, 3), (1, 3), (1, 3), (0.001, 0.1)],
 )
 posterior = ef.LogPosterior(model, ef.frf.FRFTerm(measured), prior)
-run = ef.run(posterior, steps=150, ensembles=2, seed=1)
+run = ef.run(posterior, seed=1)
 idata = ef.to_inference_data(run)
 ef.parameter_table(idata, true=truth)
 
@@ -112,13 +106,8 @@ ef.frf.plot_frf(idata, posterior)
 # stiffness and their width the damping. A run needs no more lines than these.
 #
 # FRFs are large, so they are not stored with each sample; the natural frequencies and
-# damping ratios of the modes are. `stored=True` stores all. One sample of 4 channels of
-# 400 lines would take:
-
-# %%
-print(f"{4 * 400 * np.dtype(complex).itemsize / 1e3:.0f} kB")
-
-# %% [markdown]
+# damping ratios of the modes are. `stored=True` stores all.
+#
 # **Limits.** Damping is modal, with real shapes: nonproportional damping needs complex
 # modes, which the package does not have. Estimates of one test share errors that no
 # coherence shows: the mass of the accelerometer, a tilted hammer, leakage where a

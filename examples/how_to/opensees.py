@@ -116,12 +116,10 @@ def assemble(ops, theta):
 #
 # $K = K_0 + \sum_j \theta_j K_j$: {py:meth}`MatrixModel.from_differences
 # <emcee_femu.MatrixModel.from_differences>` makes the parts from one assembly with all
-# factors 1 and one per group doubled. What belongs to no group, such as springs,
-# remains in $K_0$. It fails if K is not linear in the parameter: PDelta and
-# Corotational transformations under load, the depth of a section, the thickness of a
-# plate. The eigensolver of OpenSees, called at a random θ, verifies the split. The
-# remaining cells are inside `if __name__ == "__main__":`, so that the functions above
-# can be imported without OpenSees.
+# factors 1 and one per group doubled. It fails if K is not linear in the parameter: the
+# depth of a section, PDelta under load. The eigensolver of OpenSees, called at a random
+# θ, verifies the split. The remaining cells are inside `if __name__ == "__main__":`, so
+# that the functions above can be imported without OpenSees.
 
 
 # %%
@@ -149,33 +147,28 @@ if __name__ == "__main__":
 # %% [markdown]
 # ## The update
 #
-# The measured frequencies are simulated: those of OpenSees at true factors, with 0.5 %
-# of noise. A real structure also deviates from its model:
+# The measured frequencies are simulated: those of OpenSees at true factors, with 0.5 % of
+# noise. A real structure also deviates from its model:
 # `ef.FrequencyTerm(..., discrepancy="model error")`, see
-# {doc}`/tutorials/noise_and_model_error`. The run is short, for this page; a study uses
-# `ensembles=4` and checks {py:func}`~emcee_femu.diagnose`.
+# {doc}`/tutorials/noise_and_model_error`.
 
 # %%
 if __name__ == "__main__":
-    noise = 1 + NOISE * rng.standard_normal(N_MODES)
-    measured = frequencies(ops, TRUTH) * noise
+    measured = frequencies(ops, TRUTH) * (1 + NOISE * rng.standard_normal(N_MODES))
     term = ef.FrequencyTerm(measured, relative_sd=NOISE)
-    posterior = ef.LogPosterior(model, term, prior)
-    run = ef.run(posterior, steps=400, ensembles=1, seed=1)
+    run = ef.run(ef.LogPosterior(model, term, prior), seed=1)
     idata = ef.to_inference_data(run)
-    print(ef.parameter_table(idata, true=TRUTH))
-    print(ef.frequency_table(idata, posterior))
+    print(ef.parameter_table(idata, true=TRUTH), ef.frequency_table(run), sep="\n\n")
+    print(ef.diagnose(run).verdict)
 
 # %% [markdown]
 # ## DOFs without mass
 #
 # `mass(node, m, m, 0.)` alone leaves the rotations massless. The model then works with
-# sparse matrices, one parameter set after another, and takes up to forty times as long
-# if it is small. Here the elements have a consistent mass (`-mass`, `-cMass`). In a
-# lumped model, give each rotation the inertia $m r^2$ of a radius r that is small
-# against the structure, such as 1 cm. Static condensation does not help:
-# $K_{aa} - K_{ab} K_{bb}^{-1} K_{ba}$ is not affine in θ, so it must be repeated at
-# each θ, say in a {py:class}`~emcee_femu.FunctionModel`.
+# sparse matrices, and takes up to forty times as long if it is small. Here the elements
+# have a consistent mass (`-mass`, `-cMass`). In a lumped model, give each rotation the
+# inertia $m r^2$ of a radius r that is small against the structure, such as 1 cm. Static
+# condensation does not help: the condensed matrix is not affine in θ.
 
 # %% tags=["remove-cell"]
 if __name__ == "__main__":

@@ -49,8 +49,8 @@ class StaticTerm:
 
 prior = ef.IndependentPrior({"EI": stats.lognorm(0.3, scale=1_000)})
 posterior = ef.LogPosterior(cantilever, StaticTerm(), prior)
-run = ef.run(posterior, steps=300, ensembles=2, seed=1)
-idata = ef.to_inference_data(run)  # "auto" dropped its burn-in
+run = ef.run(posterior, seed=1)
+idata = ef.to_inference_data(run)
 ef.parameter_table(idata)
 
 # %%

@@ -43,7 +43,7 @@ terms = [ef.FrequencyTerm(test, relative_sd=0.01), ef.ShapeTerm(test, delta=0.05
 prior = ef.GaussianPrior([*truth], [2.1e11] * 2, 2e10, [(1e11, 3e11)] * 2)
 units = dict.fromkeys(truth, "N/m^2")
 posterior = ef.LogPosterior(ef.PairedModel(mast, test), terms, prior, units)
-run = ef.run(posterior, steps=150, ensembles=2, seed=1)
+run = ef.run(posterior, seed=1)
 
 # %% [markdown]
 # {py:func}`~emcee_femu.report` takes the run. Give units to the posterior and sensor
@@ -82,12 +82,10 @@ Page(f'<div><iframe title="The report" srcdoc="{page}" style="{style}"></iframe>
 
 # %% [markdown]
 # The file ends with the call that writes it again. For saved samples, as by
-# `idata.to_netcdf`, write `ef.report(idata, "mast.html", posterior=posterior)`. Without
-# `posterior=` the report lacks the likelihood in words and the figures of mode shapes,
-# which need model and terms. Mode shapes are drawn if the model has a geometry, as a
-# frame does; to others give one, `model.geometry = ef.Geometry(...)`, before pairing. A chain with burn-in needs `discard=`, as in
-# {py:func}`~emcee_femu.to_inference_data`. Results of {py:func}`~emcee_femu.certify`
-# and {py:func}`~emcee_femu.pool_tests` have reports, too.
+# `idata.to_netcdf`, write `ef.report(idata, "mast.html", posterior=posterior)`: the
+# likelihood in words and the mode shapes need the model. To a model without a geometry
+# give one before pairing, `model.geometry = ef.Geometry(...)`. Results of
+# {py:func}`~emcee_femu.certify` and {py:func}`~emcee_femu.pool_tests` have reports, too.
 #
 # For single tables and figures in your own document, see {doc}`tables_and_figures`.
 

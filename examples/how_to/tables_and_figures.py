@@ -2,8 +2,7 @@
 # # Use tables and figures in a report
 #
 # Turn any table into a pandas frame, and so into CSV, LaTeX or Markdown. Give figures
-# units and reference values, and save figures
-# for print. Pass the samples to ArviZ, corner and netCDF.
+# units and reference values, and save them for print. Pass the samples to ArviZ, corner and netCDF.
 # `python examples/how_to/tables_and_figures.py` runs this page (10 s).
 
 # %%

@@ -58,9 +58,7 @@ classes = {
     "second storey apart": ef.LogPosterior(second_apart, term, apart),
     "three stiffnesses": ef.LogPosterior(building, term, three),
 }
-runs = {
-    name: ef.run(posterior, seed=1) for name, posterior in classes.items()
-}
+runs = {name: ef.run(posterior, seed=1) for name, posterior in classes.items()}
 for name, run in runs.items():
     print(f"{name}: {ef.diagnose(run).short}")
 
