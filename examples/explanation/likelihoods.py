@@ -49,18 +49,15 @@ print(f"independent  {by_beta[0]:.6f}   scipy {by_scipy:.6f}")
 print(f"correlated   {correlated[0]:.6f}   scipy {correlated_by_scipy:.6f}")
 
 # %% [markdown]
-# Repeated tests scatter together: temperature and mounting move all frequencies one
-# way. With a correlation of 0.8, two deviations of opposite sign are much less likely
-# than if they were independent, as the two numbers show. Give the covariance of *one*
-# test. That of the mean of $N$ tests would shrink as $1/N$, but errors that all tests
-# share do not.
+# Repeated tests scatter together. With a correlation of 0.8, two deviations of opposite
+# sign are much less likely than if they were independent. Give the covariance of *one*
+# test: errors that all tests share do not shrink with their number.
 #
 # **Assumed:** errors are small against the frequencies and Gaussian, and the compared
 # modes are the same. {py:class}`~emcee_femu.PairedModel` ensures the second. If it
 # finds no partner, 8 is subtracted from the log-likelihood, the cost of four standard
-# deviations. The posterior stays finite there, so that a walker can return.
-
-# %% [markdown]
+# deviations.
+#
 # ## What the model cannot represent
 #
 # Tests often scatter by 0.2 % while a good model is off by 1 or 2 %. With the scatter
@@ -84,11 +81,6 @@ sigma = np.array([0.01])
 value = term({"error": sigma}, response)
 scale = np.hypot(0.002, sigma) * measured
 print(value, stats.norm.logpdf(predicted, measured, scale).sum(axis=1))
-
-# %% [markdown]
-# With the scatter alone, even the best parameters are improbable, and the posterior is
-# narrow about them. With $\sigma_d$ of the size of the misfit, it is as wide as it must
-# be. [Noise and model error](../tutorials/noise_and_model_error.py) shows both.
 
 # %% [markdown]
 # ## Mode shapes
@@ -168,11 +160,10 @@ print(statics, stats.norm.logpdf(u, u_m, 0.1).sum())
 # shows all errors. It does not show the accelerometer's mass or a tilted hammer, which
 # all lines share.
 #
-# The likelihood of complex FRFs is sharp where the resonances meet. Away from there it
-# may rise in the wrong direction: a model without a resonance in the band is less wrong
-# than one with a resonance in the wrong place. The logarithms of amplitudes lead there
-# from everywhere, but determine the stiffness less well. So search by amplitudes, and
-# sample with complex FRFs if phases are good.
+# The likelihood of complex FRFs is sharp where the resonances meet, and away from there it
+# may rise in the wrong direction. The logarithms of amplitudes lead there from
+# everywhere, but determine the stiffness less well. So search by amplitudes, and sample
+# with complex FRFs if phases are good.
 
 # %%
 lines = np.linspace(0.5, 1.8, 131)

@@ -126,8 +126,31 @@ paired({"columns": [0.6, 1.0]}).frequencies.round(3)  # two parameter sets
 # A model of a few hundred DOFs is faster with dense matrices (`base.K.toarray()`).
 # Models of thousands stay sparse; {py:func}`~emcee_femu.reduce_model` reduces them
 # ({doc}`/tutorials/large_models`). {doc}`calculix` goes from the program to the
-# posterior. If parameters multiply each other, such as E and t³ of a plate, say what
-# multiplies each matrix: {doc}`/tutorials/plate_thickness`.
+# posterior.
+#
+# ## What multiplies a matrix
+#
+# Parameters that multiply each other cannot be found from exports in which one is
+# changed. If you have the parts, say what multiplies each: the bending stiffness of a
+# plate grows with $E t^3$ and its mass with t. The arguments of a function are
+# parameters. It is called with all walkers at once, and its derivatives take no solve.
+# Here the matrices above stand for those of a plate, with a shaker of known mass:
+
+# %%
+plate = ef.MatrixModel(
+    np.zeros((3, 3)),
+    np.diag([0.0, 0.0, 4e3]),  # kg
+    K={"bending": (base.K.toarray(), lambda E, t: E * t**3)},
+    M={"plate": (M.toarray(), lambda t: t)},
+    n_modes=3,
+)
+print(plate.names, plate({"E": [1.0, 1.0], "t": [1.0, 1.1]}).frequencies.round(2))
+
+# %% [markdown]
+# Without the shaker all frequencies would be proportional to $t \sqrt{E / \rho}$, and no
+# test could tell E from t; {doc}`/tutorials/what_is_learned` shows how to see that before
+# a test. If K is not a sum of given matrices (the place of a spring), use
+# {py:class}`~emcee_femu.AssembledModel`, a function from one parameter set to K and M.
 #
 # ## What to know of each program
 #
@@ -164,3 +187,7 @@ exact = np.sqrt(eigh(3e7 * K, M.toarray(), eigvals_only=True)) / (2 * np.pi)
 found = paired({"columns": [0.6, 1.0]}).frequencies
 np.testing.assert_allclose(found[0], exact[:2], rtol=1e-9)
 assert list(base.dofs(["3:ux", "1:ux"])) == [2, 0]
+K, m = base.K.toarray() * 1.1**3, 1.1 * M.toarray() + np.diag([0.0, 0.0, 4e3])
+exact = np.sqrt(eigh(K, m, eigvals_only=True)) / (2 * np.pi)
+thicker = plate({"E": np.ones(1), "t": np.array([1.1])})
+np.testing.assert_allclose(thicker.frequencies[0], exact, rtol=1e-9)

@@ -157,7 +157,7 @@ for sd in (0.15, 0.6):
 # |---|---|
 # | `"auto"` | one bridge, from the frozen proposal to the chain: no further solve |
 # | {py:class}`~emcee_femu.moves.TemperedMove` with betas from 1 to 0 | bridge sampling between neighbouring betas: [tempering](../how_to/tempering.py) |
-# | {py:func}`~emcee_femu.anneal` | hands on the estimate of the annealing: [TMCMC](../how_to/annealing.py) |
+# | {py:func}`~emcee_femu.anneal` | hands on the estimate of the annealing: [TMCMC](../how_to/tempering.py) |
 #
 # If a standard error cannot be trusted, none is claimed. The reason is then in
 # `problems`, and `compare_models` decides nothing. [Moves
