@@ -140,12 +140,10 @@ def mass_spring() -> Problem:
 
 
 def h_structure(beta: float = 500.0) -> Problem:
-    """Return the paper's H structure.
+    """Return the paper's H structure; its seven lowest modes are a closed set.
 
-    A FE program gives the modes in ascending order, with their shapes; here the seven
-    lowest, at the three translations of all nodes. The paper compares five of them.
-    The next two cross modes above them inside the bounds: returned without those they
-    would only hurt (examples/how_to/emulated_crossing_modes.py).
+    The paper compares five of them. The next two cross modes above them: returned
+    without those they would only hurt (examples/how_to/emulated_crossing_modes.py).
     """
     given = ef.paper.h_structure(beta)
     rows = [f"{node}:u{axis}" for node in range(13) for axis in "xyz"]
@@ -207,20 +205,6 @@ PROBLEMS: dict[str, Callable[..., Problem]] = {
 }
 
 
-class Moments(NamedTuple):
-    """Means, standard deviations, and the weight of the first mode."""
-
-    mean: Floats
-    sd: Floats
-    first: float
-
-    def compare(self, other: "Moments") -> tuple[float, float, float]:
-        """Return the worst differences of means, deviations and the weight."""
-        means = np.abs((self.mean - other.mean) / other.sd).max()
-        sds = np.abs(self.sd / other.sd - 1).max()
-        return float(means), float(sds), abs(self.first - other.first)
-
-
 def sample(posterior: ef.LogPosterior, evaluations: int, seed: int) -> Run:
     """Return a run of "auto"."""
     nwalkers = max(32, 4 * posterior.ndim)
@@ -232,24 +216,24 @@ def sample(posterior: ef.LogPosterior, evaluations: int, seed: int) -> Run:
         )  # fmt: skip
 
 
-def draws_of(run: Run) -> Floats:
-    """Return all draws ``(n, d)``."""
-    return np.concatenate([sampler.get_chain(flat=True) for sampler in run])
-
-
 @functools.cache
 def true_draws(name: str) -> Floats:
     """Return draws of a true posterior."""
     return draws_of(sample(PROBLEMS[name]().posterior, 5 * EVALUATIONS, seed=0))
 
 
+def draws_of(run: Run) -> Floats:
+    """Return all draws ``(n, d)``."""
+    return np.concatenate([sampler.get_chain(flat=True) for sampler in run])
+
+
 def weigh(
     posteriors: Sequence[ef.LogPosterior], theta: Floats, problem: Problem, seed: int
-) -> list[Moments]:
-    """Return moments of posteriors by the same weighted draws of a fit to a chain.
+) -> Floats:
+    """Return weighted moments of posteriors, a row each, by draws of a fit to a chain.
 
-    At least SIZE of them are effective for the last posterior, if BATCHES do for that;
-    each mode has half.
+    They are means, standard deviations, and the weight of the first mode. At least SIZE
+    draws are effective for the last posterior, if BATCHES do; each mode has half.
     """
     parts = [theta]
     if problem.first is not None:
@@ -270,14 +254,11 @@ def weigh(
         weights /= weights.sum(axis=1, keepdims=True)
         if (weights[-1] ** 2).sum() < 1 / SIZE:
             break
-    return [average(np.concatenate(x), each, problem) for each in weights]
-
-
-def average(x: Floats, weights: Floats, problem: Problem) -> Moments:
-    """Return moments of weighted draws."""
-    mean = weights @ x
-    first = float(weights @ problem.first(x)) if problem.first else 0.0
-    return Moments(mean, np.sqrt(weights @ (x - mean) ** 2), first)
+    points = np.concatenate(x)
+    means = weights @ points
+    sds = np.sqrt(np.maximum(weights @ points**2 - means**2, 0))
+    first = weights @ (problem.first(points) if problem.first else 0 * points[:, 0])
+    return np.column_stack([means, sds, first])
 
 
 class Seed(NamedTuple):
@@ -324,11 +305,15 @@ def judge(
     seconds = time.process_time() - begin - problem.box.seconds
     together = np.concatenate([draws_of(run), true_draws(name)])
     posteriors = (problem.posterior, emulated.posterior)
-    true, approximate = weigh(posteriors, together, problem, seed)
+    true, found = weigh(posteriors, together, problem, seed)
+    (mean, sd), first = np.split(true[:-1], 2), true[-1]
+    (mean_found, sd_found), weight = np.split(found[:-1], 2), found[-1]
     return Seed(
         spent,
         len(emulated.history.rows),
-        *approximate.compare(true),
+        float(np.abs((mean_found - mean) / sd).max()),
+        float(np.abs(sd_found / sd - 1).max()),
+        float(abs(weight - first)),
         certificate.efficiency,
         certificate.pareto_k,
         certificate.short,

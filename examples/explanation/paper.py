@@ -85,11 +85,8 @@ table
 # - The published means differ from ours by less than a third of a posterior standard
 #   deviation.
 # - The posterior is not Gaussian: a lobe at k4 < 1980 N/m holds 2.8 % of the mass (by
-#   `ef.run(springs.posterior, nwalkers=40, steps=4_000, seed=1)`)
-#   and widens k4; a short chain misses it. Hence the published c.o.v. of k4.
-# - TAE, the total average error, is that of the frequencies at the mean of the
-#   parameters, as the paper defines it. The mean of the frequencies themselves is
-#   closer (0.01 %).
+#   `ef.run(springs.posterior, nwalkers=40, steps=4_000, seed=1)`) and widens k4; a short
+#   chain misses it. Hence the published c.o.v. of k4.
 #
 # Figure 4.2, samples with the ellipses that hold 95 %; true values in blue:
 
@@ -97,13 +94,9 @@ table
 ef.figures.plot_scatter(idata, truths=springs.target)
 
 # %% [markdown]
-# Figure 4.4, correlations. According to the paper only (k1, k2) and (k6, k8) are above
-# 0.7; here only the first is.
-
-# %% mystnb={"image": {"alt": "Matrix of correlations of the five stiffnesses; k1 and k2 have the strongest"}}
-ef.figures.plot_correlation(idata)
-
-# %% [markdown]
+# According to the paper only the correlations (k1, k2) and (k6, k8) are above 0.7 (Figure
+# 4.4); here only the first is.
+#
 # Figure 4.3, TAE of the running mean, from the first generation on. It keeps falling
 # long after the chain has forgotten its start, so a flat end does not prove convergence.
 
@@ -236,11 +229,11 @@ Table(
 )
 
 # %% [markdown]
-# (The floors of Ix1 and Ix3 are wider than the bounds, which alone limit them.) For the
-# 0.026 % of A3 the errors of the frequencies would have to be 60 times smaller. The
-# printed c.o.v. of the frequencies would then be impossible: no $\beta$ gives both.
-# Such numbers come from a population that has not spread. The Metropolis-Hastings
-# column, which the paper rejects, is closer to a possible posterior.
+# For the 0.026 % of A3 the errors of the frequencies would have to be 60 times smaller. The
+# printed c.o.v. of the frequencies would then be impossible: no $\beta$ gives both. Such
+# numbers come from a population that has not spread.
+#
+# ### The order of the modes
 #
 # The paper compares frequencies index by index and prints no shapes. With the shapes of
 # the initial structure taken as measured, {py:class}`~emcee_femu.PairedModel` says how

@@ -187,11 +187,8 @@ ef.pairing_table(plane)
 # Measure shapes, if only at a few sensors. Wrap the model in a `PairedModel`, whether
 # you expect crossing or not, and look at {py:func}`~emcee_femu.pairing_table`. If no
 # shapes were measured, `PairedModel(model, frequencies, reference={...})` follows the
-# model's own ({doc}`real_aircraft`), if test and model have the same order there; or use
-# only modes that cannot cross inside the prior, and look for separate clouds.
-#
-# The paper that this package reproduces compares by number:
-# [what that means for its H](../explanation/paper.py).
+# model's own ({doc}`real_aircraft`), if test and model have the same order there. The
+# paper compares by number: [what that means for its H](../explanation/paper.py).
 
 # %% tags=["remove-cell"]
 wrong_kx, wrong_ky = (wrong["posterior"][name].values.ravel() for name in truth)

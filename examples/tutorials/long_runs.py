@@ -169,18 +169,12 @@ for solves in (6_000, 200_000):
     print(f"{run.solves:,} solves, ended by {run.stopped}: {verdict.short}")
 
 # %% [markdown]
-# ## Solves that fail
+# ## Failures, processes
 #
-# A solve that fails stops the run and names the parameters. The samples so far are kept,
-# in the file and as `error.run`. With `on_failure="reject"` the run continues instead:
-# {doc}`/how_to/failing_solves` says when that is right.
-#
-# ## Processes
-#
-# `workers=4` starts four processes and ends them with the run. The chain is that of a
-# serial run. Where processes are not forked (macOS, Windows) they need the guard
-# `if __name__ == "__main__":`. {doc}`/how_to/clusters` has pools for other machines, and
-# says how many workers are of use.
+# A solve that fails stops the run and names the parameters, and nothing is lost;
+# {doc}`/how_to/failing_solves` says when `on_failure="reject"` is right. `workers=4` starts
+# four processes and ends them with the run, whose chain is that of a serial run;
+# {doc}`/how_to/clusters` has pools for other machines.
 #
 # ## A job script
 #

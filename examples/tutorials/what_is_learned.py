@@ -24,17 +24,8 @@ from emcee_femu.table import Table
 N, MASS, STIFFNESS = 5, 20.0, 30e3
 FLOORS = MASS * np.eye(N)
 names = [f"k{storey}" for storey in range(1, N + 1)]
-
-
-def storey(number):  # the stiffness matrix of one storey, 1 to N
-    b = np.zeros(N)
-    b[number - 1] = 1.0
-    if number > 1:
-        b[number - 2] = -1.0
-    return STIFFNESS * np.outer(b, b)
-
-
-STOREYS = {name: storey(i + 1) for i, name in enumerate(names)}
+DRIFT = np.eye(N) - np.eye(N, k=-1)  # floors to storey drifts
+STOREYS = {n: STIFFNESS * np.outer(b, b) for n, b in zip(names, DRIFT, strict=True)}
 prior = ef.IndependentPrior(dict.fromkeys(names, stats.lognorm(0.2)))
 nominal = {name: np.ones(1) for name in names}
 
@@ -138,25 +129,10 @@ after
 # storey is softer than nominal, and because the plan assumed a Gaussian posterior. The
 # loss in the ground storey is found: its whole 95 % interval lies below 0.9.
 #
-# ## What only the prior says
-#
-# A parameter with an sd ratio near 1 is as uncertain as before: its posterior is the
-# prior. A narrower prior makes the answer narrower, not better. With one frequency:
-
-# %%
-for spread in (0.05, 0.2):
-    narrow = ef.IndependentPrior(dict.fromkeys(names, stats.lognorm(spread)))
-    first = planned(1).experiments[0]
-    found = ef.find_map(ef.LogPosterior(first.model, first.terms, narrow), seed=1)
-    about = ef.identifiability(found)
-    k5 = found.maxima[0].covariance[4, 4] ** 0.5
-    ratio = about.sd_ratio[4]
-    print(f"prior {100 * spread:.0f} %: sd of k5 {k5:.3f}, sd ratio {ratio:.2f}")
-print(*map(textwrap.fill, about.findings[1:]), sep="\n")
-
-# %% [markdown]
-# Such a prior is no mistake: it keeps the other parameters from drifting. But report it
-# beside the result, and never call such a parameter updated.
+# A parameter with an sd ratio near 1 would be as uncertain as before: its posterior is the
+# prior, and a narrower prior makes the answer narrower, not better. Such a prior is no
+# mistake, as it keeps the other parameters from drifting. But report it beside the
+# result, and never call such a parameter updated.
 #
 # ## Stiffness and mass: only their ratio
 #
@@ -240,7 +216,6 @@ for name, value in truth.items():
     x = idata["posterior"][name].values
     assert abs(x.mean() - value) < 3 * x.std()
 assert np.quantile(idata["posterior"]["k1"].values, 0.975) < 0.9
-assert about.sd_ratio[4] > 0.9 and "independent combinations are known" in str(about)
 assert "Only k - " in ef.identifiability(ratio_only).findings[-1]
 k, m = (ratio_only["posterior"][name].values for name in ("k", "m"))
 assert (k / m).std() < 0.006 < 0.1 < k.std()
