@@ -4,7 +4,7 @@ One ensemble can have half of its walkers under way at once, and the ensembles o
 are under way together. The half must be back before the other half moves, so a
 generation lasts as long as its slowest worker. Solver times are log-normal, and the
 master takes some time to hand out each. A larger ensemble uses the workers better, but
-every walker has its own burn-in. So if all solves take the same time, 2 to 4 walkers per
+every walker has its own burn-in. If all solves take the same time, 2 to 4 walkers per
 worker are enough; if their times vary, 8 to 16. Beyond some hundred workers, make each
 ensemble a job of its own, with its own ``seed``.
 

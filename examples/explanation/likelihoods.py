@@ -6,9 +6,8 @@
 # `python examples/explanation/likelihoods.py` runs it (5 s).
 #
 # A term maps the model's response to a log-likelihood, the logarithm of the density of
-# what was measured. An engineer would call its negative a misfit, with two differences:
-# it includes the scale of the errors and their normalising constants. The constants do
-# not matter as long as all errors are given. They matter as soon as an error is
+# what was measured, with the scale of the errors and their normalising constants. These
+# do not matter as long as all errors are given. They matter as soon as an error is
 # inferred, and when [model classes](../tutorials/model_classes.py) are compared by
 # their evidence.
 
@@ -69,11 +68,10 @@ print(f"correlated   {correlated[0]:.6f}   scipy {correlated_by_scipy:.6f}")
 #    - \tfrac12 \ln \det 2 \pi (R + \sigma_d^2 I) - \sum_i \ln f_i^m , $$
 #
 # with $R$ the covariance of the relative measurement errors. The determinant keeps
-# $\sigma_d$ from growing: without it the largest $\sigma_d$ would always win. The prior
-# must be proper. If $R = 0$, the usual improper prior of a scale, $1/\sigma_d$, gives a
-# density proportional to $(r^T r)^{-m/2}$ after integration over $\sigma_d$. Its
-# integral is infinite if some parameters make all $m$ residuals zero at once, which is
-# usual unless there are more residuals than parameters.
+# $\sigma_d$ from growing. The prior must be proper: if $R = 0$, the usual improper prior
+# of a scale, $1/\sigma_d$, has an infinite integral if some parameters make all residuals
+# zero at once, which is usual unless there are more residuals than parameters. [Noise and
+# model error](../tutorials/noise_and_model_error.py) shows what it does.
 
 # %%
 term = ef.FrequencyTerm(measured, relative_sd=0.002, discrepancy="error")

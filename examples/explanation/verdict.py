@@ -135,9 +135,7 @@ figure
 # (`run.search`), and no solve. The frozen proposal q is an importance sampler beside
 # the chain, so it gives the weights of separated modes independently. At the chain's
 # own draws, p / q says how long a walker waits there. `diagnose(...).modes` has these
-# numbers, printed as a table if there are several separated modes (above), and works
-# from the ArviZ object too. Pareto k of draws of q is converted to draws of p, as k /
-# (1 - k).
+# numbers, printed as a table if there are several separated modes (above).
 #
 # ## Search: what no diagnosis sees
 #

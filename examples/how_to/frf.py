@@ -87,12 +87,8 @@ measured = ef.frf.FRFMeasurements(
 # amplitude.
 
 # %%
-prior = ef.GaussianPrior(
-    ["k1", "k2", "k3", "damping"],
-    [2.0, 2.0, 2.0, 0.02],
-    [0.3, 0.3, 0.3, 0.01],
-    bounds=[(1, 3), (1, 3), (1, 3), (0.001, 0.1)],
-)
+bounds = [(1, 3), (1, 3), (1, 3), (0.001, 0.1)]
+prior = ef.GaussianPrior([*truth], [2, 2, 2, 0.02], [0.3, 0.3, 0.3, 0.01], bounds)
 posterior = ef.LogPosterior(model, ef.frf.FRFTerm(measured), prior)
 run = ef.run(posterior, seed=1)
 idata = ef.to_inference_data(run)

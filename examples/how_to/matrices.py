@@ -91,11 +91,7 @@ print(base)
 # %%
 print(base.dofs("node 3 x"), base.dofs(["3:ux", "1:ux"]))
 test = ef.Measurements(
-    [2.6, 8.2],
-    sd=[0.02, 0.05],
-    shapes=[[1.0, -0.8], [0.5, 1.0]],
-    sensors=["roof", "floor 1"],
-    dofs=["3:ux", "1:ux"],
+    [2.6, 8.2], sd=[0.02, 0.05], shapes=[[1.0, -0.8], [0.5, 1.0]], dofs=["3:ux", "1:ux"]
 )
 changed = {
     2.0: ef.read_matrices({"K": folder / "K2.mtx", "dofs": rows}),
@@ -158,17 +154,14 @@ print(plate.names, plate({"E": [1.0, 1.0], "t": [1.0, 1.1]}).frequencies.round(2
 #   becomes several. Such a name raises an error that lists its rows; choose one, as in
 #   `shapes={"12:uz": 40}`. Elements with reduced integration (C3D20R, C3D8I, and so
 #   beams and shells) have a singular mass, which sparse models accept. A single row of
-#   C3D20R bricks is singular in K too, and is refused: use C3D20. A sector of a cyclic
-#   symmetry is complex and refused.
+#   C3D20R bricks is singular in K too, and is refused: use C3D20.
 # - **Abaqus** numbers inner nodes below zero (`base.dofs("-3:ux")`), and puts 1e36 on the
 #   diagonal of held DOFs, which are left out. With FORMAT=COORDINATE there are no labels,
 #   and held rows are refused.
 # - **Nastran** writes the a-set in the displacement coordinate systems of its grid
-#   points, with ten digits in a punch file. A punch file has no end mark: a truncated
-#   one is refused, or gives a warning, if it misses whole grid points; compare the
+#   points, with ten digits in a punch file. A punch file has no end mark: compare the
 #   total mass. Names that begin with K and M (KAAX, MAAX) are taken for them. If there
-#   are several, give `{"KAA": path, "MAA": path}` and take `base.matrices["KAA"]`. A
-#   name that stands twice in a file is refused: export each to a file of its own.
+#   are several, give `{"KAA": path, "MAA": path}` and take `base.matrices["KAA"]`.
 #   Binary OP4 is refused: write it FORMATTED.
 # - **ANSYS** `.full` files are read by PyMAPDL-Reader, which runs with NumPy 2 from
 #   version 0.56 and installs VTK.

@@ -94,11 +94,10 @@ def add_floor(ops, floor, columns, beams):
 # The integrator `GimmeMCK` with the system `FullGeneral` gives the matrices;
 # {py:func}`~emcee_femu.from_opensees` calls them.
 #
-# - **Supports and ties.** The handler Transformation removes fixed DOFs, and those tied
-#   by equalDOF or rigidDiaphragm, from the equations. (Penalty would add huge numbers
-#   to K, and Lagrange rows.) A tied direction has no row of its own: a sensor there
-#   reads the row of the master, here `"11:ux"` for all of the first floor. Nodes tied
-#   twice, or to a tied node, are refused, since OpenSees treats them wrongly.
+# - **Supports and ties.** Fixed DOFs, and those tied by equalDOF or rigidDiaphragm, have
+#   no row: a sensor there reads the row of the master, here `"11:ux"` for all of the first
+#   floor. Nodes tied twice, or to a tied node, are refused, since OpenSees treats them
+#   wrongly.
 # - **Rows** are named by node and direction, `"12:uy"`: `base.dofs("12:uy")` is a row, and
 #   `shapes=base.sensors(["11:ux", "21:ux"])` asks for shapes at sensors.
 # - **Mass.** `print(base)` shows the mass that moves along each axis; compare it with

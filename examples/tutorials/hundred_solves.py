@@ -66,12 +66,9 @@ def solve(p):
 # %%
 model = ef.FunctionModel(solve, n_modes=4)
 term = ef.FrequencyTerm([3.702, 4.692, 8.673, 12.571], relative_sd=0.005)
-prior = ef.GaussianPrior(
-    names=["E", "thickness", "bearing"],
-    mean=[30, 0.80, 60],
-    sd=[4, 0.04, 20],
-    bounds=[(15, 45), (0.6, 1.0), (10, 150)],
-)
+names, mean = ["E", "thickness", "bearing"], [30, 0.80, 60]
+bounds = [(15, 45), (0.6, 1.0), (10, 150)]
+prior = ef.GaussianPrior(names, mean, sd=[4, 0.04, 20], bounds=bounds)
 units = {"E": "GPa", "thickness": "m", "bearing": "MN/m"}
 posterior = ef.LogPosterior(model, term, prior, units)
 
@@ -147,12 +144,8 @@ ef.parameter_table(certificate.idata)
 # first design and one batch.
 
 # %%
-wide = ef.GaussianPrior(
-    names=prior.names,
-    mean=[30, 0.80, 60],
-    sd=[12, 0.15, 60],
-    bounds=[(5, 80), (0.3, 1.4), (5, 300)],
-)
+bounds = [(5, 80), (0.3, 1.4), (5, 300)]
+wide = ef.GaussianPrior(names, mean, sd=[12, 0.15, 60], bounds=bounds)
 vague = ef.LogPosterior(model, term, wide, units)
 file = Path(folder.name) / "short.chain"
 

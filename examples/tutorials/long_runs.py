@@ -163,7 +163,7 @@ other_model = go_on(posterior(corrected))
 # %%
 file = home / "pieces.chain"
 target = ef.paper.mass_spring().posterior
-for solves in (6_000, 200_000):
+for solves in (10_000, 200_000):
     run = ef.run(target, seed=1, solves=solves, backend=file, resume=True)
     verdict = ef.diagnose(run)
     print(f"{run.solves:,} solves, ended by {run.stopped}: {verdict.short}")

@@ -94,9 +94,8 @@ pooled
 # - `next test` is what to expect of the parameters in the next test; design for it.
 #
 # The second table has each test by itself, and given all others, which determine it
-# better. A Pareto k above 0.7 would mean that the draws of a test hardly reach to where
-# the others put it. Since `posteriors` are given, such tests were sampled again under
-# the population, by new solves.
+# better. Tests whose draws hardly reach to where the others put them (Pareto k above 0.7)
+# were sampled again under the population, since `posteriors` are given.
 
 # %% mystnb={"image": {"alt": "Two panels, frame and soil, one row for each of 16 days: grey intervals of single tests, blue ones given all tests beside them, a little shorter and nearer to the population's mean"}}
 ef.figures.plot_population(pooled)
