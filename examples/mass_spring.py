@@ -7,8 +7,8 @@ stiffnesses are unknown; only the five natural frequencies are measured:
 
 The posterior is a weak Gaussian prior about the initial guess, cut at bounds, times
 Gaussian relative errors of the frequencies with standard deviation beta^-1/2 = 0.12 %
-(Eqs. 2.2 to 2.4). The frequencies are matched to 0.01 %, a hundred times closer than any
-single stiffness (1 to 2.7 %): see the tilted ellipses. A small lobe at k4 < 1980 N/m,
+(Eqs. 2.2 to 2.4). The frequencies are matched to 0.01 %, a hundred times closer than
+any stiffness (1 to 2.7 %): see the tilted ellipses. A small lobe at k4 < 1980 N/m,
 2.8 % of the mass, makes the posterior not quite Gaussian.
 
 Run it:  python examples/mass_spring.py          (5 s)

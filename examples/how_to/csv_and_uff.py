@@ -109,11 +109,8 @@ from_uff
 #
 # ## From pyOMA2
 #
-# `Measurements.from_pyoma2(algorithm.result)` takes frequencies, their standard
-# deviations, damping and shapes after pyOMA2's `mpe`; `modes=[1, 3]` leaves out one that
-# it did not find (NaN). {doc}`ambient_vibration` goes from
-# acceleration records to the posterior, {doc}`/tutorials/modal_test` from a CSV file to
-# the verdict. Frequency response functions come from data sets 58, see {doc}`frf`.
+# `Measurements.from_pyoma2(algorithm.result)`: {doc}`ambient_vibration`. Frequency response
+# functions come from data sets 58, see {doc}`frf`.
 
 # %% tags=["remove-cell"]
 for name in ("frequencies", "sd", "shapes"):

@@ -72,9 +72,8 @@ def forms():  # of stiffness and mass of a Kirchhoff plate
 #   `basis.mesh.nodes_satisfying(lambda x: ...)`. For a sensor between vertices, the
 #   shape functions map the DOFs (`basis.probes`). Displacements of an `ElementVector`
 #   are ux, uy and uz.
-# - **Mass.** There are no massless DOFs, since M comes from the same shape functions as
-#   K. A lumped M, with mass on the deflections only, is singular: keep the consistent
-#   one.
+# - **Mass.** M comes from the same shape functions as K. A lumped M, with mass on the
+#   deflections only, is singular: keep the consistent one.
 
 
 # %%

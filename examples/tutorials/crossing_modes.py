@@ -80,7 +80,7 @@ ef.figures.plot_scatter(wrong, truths=truth)
 # \frac{(\phi^T \psi)^2}{(\phi^T \phi)\,(\psi^T \psi)},$$
 #
 # which is 1 for the same shape at any scale and sign, and 0 for orthogonal shapes. The
-# MAC of the measured modes (rows) and those of the nominal model (columns):
+# measured modes (rows) and those of the nominal model (columns):
 
 # %%
 nominal = model({name: np.ones(1) for name in K}).shapes[0]
@@ -91,9 +91,8 @@ print(((measured.T @ nominal) ** 2).round(2))
 # %% [markdown]
 # The first measured mode is the model's second. `PairedModel` makes this choice anew
 # for each parameter set. Out of `candidates` modes (by default twice as many as were
-# measured) each measured mode gets one, so that the sum of all MAC is largest. One to
-# one matters: if each measured mode took its largest MAC, two might take the same mode
-# of the model. Over the prior, how often does the order differ from the test's?
+# measured) each measured mode gets one, so that the sum of all MAC is largest. Over the
+# prior, how often does the order differ from the test's?
 
 # %%
 paired = ef.PairedModel(model, test, candidates=4)
