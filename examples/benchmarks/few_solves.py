@@ -1,8 +1,7 @@
 """How many solves ``emulate`` needs for a posterior, and how accurate it then is.
 
-Every model is wrapped in a :class:`BlackBox`, as if an FE program were behind it: it
-gives a response, with derivatives or without, and counts its solves itself. The
-problems are
+Every model stands for an FE program: it gives a response, with derivatives or without.
+The problems are
 
     beck_au      2 parameters, 2 frequencies; two modes
     mass_spring  5 parameters, 5 frequencies of the paper's springs; a lobe at small k4
@@ -18,7 +17,7 @@ posterior. Both posteriors are compared by the same weighted draws of a mixture 
 to their chains, so that chance hardly affects the difference. The bar: means within .05
 standard deviations, standard deviations within 5 %, and the weight of Beck and Au's
 two modes within .02; for the tower an effective share of .75. ``certify`` has solves of
-its own. Seconds are process time without the solves.
+its own. Seconds are process time.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/few_solves.py --seeds 10
 
@@ -58,35 +57,23 @@ COLUMNS = {
     "efficiency": ".3f", "least": ".3f", "worst k": ".2f", "certified": "d",
     "seconds": ".0f",
 }  # fmt: skip
-KINDS = {"values only": False, "with derivatives": True}
 
 
-class BlackBox:
-    """A model that counts solves and seconds, and gives derivatives if it is to."""
+class ValuesOnly:
+    """A model without its derivatives."""
 
     def __init__(self, model: Any) -> None:
-        self.model, self.solves, self.seconds = model, 0, 0.0
-        self.variables, self.names = model.variables, model.names
+        self.model, self.variables, self.names = model, model.variables, model.names
         self.bounds = getattr(model, "bounds", {})
-        self.differentiable = False
-
-    @property
-    def jacobian(self) -> Callable[[Any], Any] | None:
-        """What gives response and derivatives by one solve, None without."""
-        if not self.differentiable:
-            return None
-        return lambda parameters: self._call(self.model.jacobian, parameters)
 
     def __call__(self, parameters: Any) -> Any:
-        """Solve, count and clock."""
-        return self._call(self.model, parameters)
+        """Solve."""
+        return self.model(parameters)
 
-    def _call(self, solve: Callable[[Any], Any], parameters: Any) -> Any:
-        begin = time.process_time()
-        response = solve(parameters)
-        self.seconds += time.process_time() - begin
-        self.solves += len(next(iter(parameters.values())))
-        return response
+
+def whole(model: Any) -> Any:
+    """Return a model as it is."""
+    return model
 
 
 @dataclass(frozen=True)
@@ -116,30 +103,25 @@ class Problem(NamedTuple):
     """A posterior and how many solves it may take."""
 
     posterior: ef.LogPosterior  # the true one
-    box: BlackBox  # which counts
     solves: tuple[int, int]  # the bar, values only and with derivatives
     first: Callable[[Floats], Floats] | None = None  # is a draw in that of two modes?
 
 
-def beck_au() -> Problem:
+def beck_au(learned: Any) -> Problem:
     """Return Beck and Au's shear frame, with two modes."""
     exact = beck_au_exactly().posterior
-    box = BlackBox(exact.model)
     term = RatioTerm((3.13, 9.83), 0.5**4, (0, 1), power=2)
-    return Problem(
-        ef.LogPosterior(box, term, exact.prior), box, (30, 12), lambda x: x[:, 0] < 1
-    )
+    posterior = ef.LogPosterior(learned(exact.model), term, exact.prior)
+    return Problem(posterior, (30, 12), lambda x: x[:, 0] < 1)
 
 
-def mass_spring() -> Problem:
+def mass_spring(learned: Any) -> Problem:
     """Return the paper's five masses and ten springs."""
-    given = ef.paper.mass_spring().posterior
-    box = BlackBox(given.model)
-    posterior = ef.LogPosterior(box, given.terms, given.prior)
-    return Problem(posterior, box, (45, 15), lambda x: x[:, 2] < 1980)
+    posterior = ef.paper.mass_spring().posterior.with_models(learned)
+    return Problem(posterior, (45, 15), lambda x: x[:, 2] < 1980)
 
 
-def h_structure(beta: float = 500.0) -> Problem:
+def h_structure(learned: Any, beta: float = 500.0) -> Problem:
     """Return the paper's H structure; its seven lowest modes are a closed set.
 
     The paper compares five of them. The next two cross modes above them: returned
@@ -148,11 +130,10 @@ def h_structure(beta: float = 500.0) -> Problem:
     given = ef.paper.h_structure(beta)
     rows = [f"{node}:u{axis}" for node in range(13) for axis in "xyz"]
     frame = ef.paper.h_frame(modes=range(1, 8), shapes=rows)
-    box = BlackBox(frame)
     wanted = [mode - 1 for mode in given.model.modes]
     term = RatioTerm(tuple(given.measured), beta**-0.5, wanted)
-    bar = (90, 40) if beta < 5e3 else (180, 80)
-    return Problem(ef.LogPosterior(box, term, given.posterior.prior), box, bar)
+    posterior = ef.LogPosterior(learned(frame), term, given.posterior.prior)
+    return Problem(posterior, (90, 40) if beta < 5e3 else (180, 80))
 
 
 STOREYS, FLOORS = 10, (0, 2, 4, 7, 9)  # all, and those with a sensor
@@ -161,13 +142,14 @@ COUPLING = 2e5  # N/m, between the directions of each storey of the tower
 MASS = 1e5  # kg
 
 
-def shear() -> Problem:
+def shear(learned: Any) -> Problem:
     """Return a shear building of ten storeys, five of whose floors were measured."""
     names = [f"s{i}" for i in range(1, STOREYS + 1)]
-    return _paired(*shear_building(names, MASS, 7, FLOORS, 1.0), 5, 7, (80, 30))
+    model, prior = shear_building(names, MASS, 7, FLOORS, 1.0)
+    return _paired(learned, model, prior, 5, 7, (80, 30))
 
 
-def tower() -> Problem:
+def tower(learned: Any) -> Problem:
     """Return a tower whose two directions have nearly the same stiffness."""
     names = [f"{axis}{i}" for axis in "xy" for i in range(1, HEIGHT + 1)]
     along = [np.outer(b, b) for b in np.eye(HEIGHT) - np.eye(HEIGHT, k=-1)]
@@ -181,25 +163,27 @@ def tower() -> Problem:
         MASS * np.eye(2 * HEIGHT), K, n_modes=6,
         shapes=[*SENSORS, *(HEIGHT + floor for floor in SENSORS)],
     )  # fmt: skip
-    return _paired(model, prior, 4, 6, (250, 90))
+    return _paired(learned, model, prior, 4, 6, (250, 90))
 
 
 def _paired(
-    model: ef.MatrixModel, prior: ef.GaussianPrior, n_modes: int, candidates: int,
-    bar: tuple[int, int],
+    learned: Any, model: ef.MatrixModel, prior: ef.GaussianPrior, n_modes: int,
+    candidates: int, bar: tuple[int, int],
 ) -> Problem:  # fmt: skip
     """Return the problem of a draw of the prior, whose modes are measured."""
-    truth, box = draw(prior, np.random.default_rng(3)), BlackBox(model)
+    truth = draw(prior, np.random.default_rng(3))
     measured = measure(model, truth, n_modes, np.random.default_rng(4))
-    paired = ef.PairedModel(box, measured, candidates=candidates)
-    return Problem(ef.LogPosterior(paired, terms_of(measured), prior), box, bar)
+    paired = ef.PairedModel(learned(model), measured, candidates=candidates)
+    return Problem(ef.LogPosterior(paired, terms_of(measured), prior), bar)
 
 
+KINDS: dict[str, Callable[[Any], Any]]
+KINDS = {"values only": ValuesOnly, "with derivatives": whole}
 PROBLEMS: dict[str, Callable[..., Problem]] = {
     "beck_au": beck_au,
     "mass_spring": mass_spring,
     "h_structure": h_structure,
-    "h_sharp": functools.partial(h_structure, 5e4),
+    "h_sharp": functools.partial(h_structure, beta=5e4),
     "shear": shear,
     "tower": tower,
 }
@@ -219,7 +203,7 @@ def sample(posterior: ef.LogPosterior, evaluations: int, seed: int) -> Run:
 @functools.cache
 def true_draws(name: str) -> Floats:
     """Return draws of a true posterior."""
-    return draws_of(sample(PROBLEMS[name]().posterior, 5 * EVALUATIONS, seed=0))
+    return draws_of(sample(PROBLEMS[name](whole).posterior, 5 * EVALUATIONS, seed=0))
 
 
 def draws_of(run: Run) -> Floats:
@@ -264,7 +248,7 @@ def weigh(
 class Seed(NamedTuple):
     """What one seed gave."""
 
-    solves: int  # spent by ``emulate``, counted by the model
+    solves: int  # spent by ``emulate``
     rounds: int  # in which it solved, the first design among them
     mean: float  # the worst error of a mean, in posterior standard deviations
     sd: float  # the worst relative error of a standard deviation
@@ -283,33 +267,28 @@ class Seed(NamedTuple):
         return right and (name != "beck_au" or self.weight <= WEIGHT)
 
 
-def judge(
-    name: str, derivatives: bool, seed: int, solves: int | None, workers: int
-) -> Seed:
+def judge(name: str, learned: str, seed: int, solves: int | None, workers: int) -> Seed:
     """Emulate, sample, compare and certify."""
-    problem = PROBLEMS[name]()
-    problem.box.differentiable = derivatives
-    posterior = problem.posterior.with_models(lambda model: model)  # which looks anew
-    most = problem.solves[derivatives]
+    problem = PROBLEMS[name](KINDS[learned])
+    most = problem.solves[list(KINDS).index(learned)]
     if workers > 1:
         most = min(int(WIDER * most), ROUNDS * workers)
     begin = time.process_time()
     with ThreadPoolExecutor(workers) as pool:
         emulated = ef.emulate(
-            posterior, solves or most, seed=seed, pool=pool, tolerance=0
+            problem.posterior, solves or most, seed=seed, pool=pool, tolerance=0
         )
-    spent = problem.box.solves
     run = sample(emulated.posterior, EVALUATIONS, seed)
     idata = ef.to_inference_data(run)
-    certificate = ef.certify(idata, posterior, SOLVED, seed=seed)
-    seconds = time.process_time() - begin - problem.box.seconds
+    certificate = ef.certify(idata, problem.posterior, SOLVED, seed=seed)
+    seconds = time.process_time() - begin
     together = np.concatenate([draws_of(run), true_draws(name)])
     posteriors = (problem.posterior, emulated.posterior)
     true, found = weigh(posteriors, together, problem, seed)
     (mean, sd), first = np.split(true[:-1], 2), true[-1]
     (mean_found, sd_found), weight = np.split(found[:-1], 2), found[-1]
     return Seed(
-        spent,
+        emulated.solves,
         len(emulated.history.rows),
         float(np.abs((mean_found - mean) / sd).max()),
         float(np.abs(sd_found / sd - 1).max()),
@@ -360,7 +339,7 @@ def main(
     for (name, kind), seed in product(results, range(first, first + seeds)):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            one = judge(name, KINDS[kind], seed, solves, workers)
+            one = judge(name, kind, seed, solves, workers)
         results[name, kind].append(one)
         shown = (f"{v:.3g}" if isinstance(v, float) else v for v in one)
         mark = "met" if one.good(name) else "MISSED"
