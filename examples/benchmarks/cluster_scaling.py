@@ -19,13 +19,19 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from commands import command
+from commands import command, tabulate
 
 import emcee_femu as ef
 from emcee_femu.table import Table
 
 JOBS = 40_000  # simulated, for every number of the tables
-WALKERS_PER_WORKER = (2, 4, 8, 16)
+SIZES = 1, 2, 8, 32, 128, 512, 1_000  # workers
+PER_WORKER = 2, 4, 8, 16  # walkers
+SIMULATED = {"workers": "d"} | {f"{k} walkers per worker": ".0f" for k in PER_WORKER}
+MEASURED = {
+    "workers": "d", "one after another s": ".2f", "together s": ".2f", "ratio": ".2f",
+    "efficiency %": ".0f",
+}  # fmt: skip
 
 
 def makespan(times: np.ndarray, workers: int, dispatch: float = 0.0) -> float:
@@ -40,11 +46,8 @@ def makespan(times: np.ndarray, workers: int, dispatch: float = 0.0) -> float:
 def efficiency(workers: int, jobs: int, cov: float, dispatch: float = 0.0) -> float:
     """Return the share of the workers' time that is spent in the solver.
 
-    Args:
-        workers: How many work at once.
-        jobs: Evaluations at once: walkers over splits.
-        cov: Coefficient of variation of the solver's log-normal time.
-        dispatch: Time to hand out one job, as a share of the mean solver time.
+    Jobs are the evaluations at once, walkers over splits; cov is that of the solver's
+    time, and dispatch the time to hand out one job, as a share of its mean.
     """
     rng = np.random.default_rng(0)
     sigma = np.sqrt(np.log1p(cov**2))
@@ -53,53 +56,27 @@ def efficiency(workers: int, jobs: int, cov: float, dispatch: float = 0.0) -> fl
     return float(times.sum() / (workers * np.sum(ends)))
 
 
-def simulated(mean: float, cov: float, dispatch: float, most: int) -> Table:
-    """Tabulate the efficiency in percent for clusters of up to ``most`` workers."""
-    sizes = [size for size in (1, 2, 8, 32, 128, 512, 1_000) if size <= most]
-    rows = []
-    for size in sizes:
-        jobs = [k * size // 2 for k in WALKERS_PER_WORKER]
-        busy = [100 * efficiency(size, n, cov, dispatch / mean) for n in jobs]
-        rows.append((size, *busy))
-    return Table(
-        f"Simulated: efficiency in %; a solve of {mean:g} s, c.o.v. {cov:g}, "
-        f"{1e3 * dispatch:g} ms to hand it out",
-        ("workers", *(f"{k} walkers per worker" for k in WALKERS_PER_WORKER)),
-        ("d", *(".0f",) * len(WALKERS_PER_WORKER)),
-        tuple(rows),
-    )
-
-
-def measured(solve: float = 0.05, steps: int = 20, most: int = 32) -> Table:
-    """Tabulate seconds of four ensembles of 16 walkers on threads that sleep."""
+def time_runs(workers: int, solve: float, steps: int = 20) -> tuple[float, ...]:
+    """Return the seconds of four ensembles, in turn and together, and their ratio."""
 
     def model(p: dict[str, float]) -> list[float]:
         time.sleep(solve)
         return [p["f1"], p["f2"]]
 
-    names = ["f1", "f2"]
-    prior = ef.GaussianPrior(names, [1.0, 2.0], 0.2)
+    prior = ef.GaussianPrior(["f1", "f2"], [1.0, 2.0], 0.2)
     term = ef.FrequencyTerm([1.0, 2.0], relative_sd=0.1)
     posterior = ef.LogPosterior(ef.FunctionModel(model), term, prior)
-    rows = []
-    for workers in (size for size in (2, 16, 32, 64) if size <= most):
-        with ThreadPoolExecutor(workers) as pool:
-            options = dict(nwalkers=16, steps=steps, pool=pool)
-            begun = time.perf_counter()
-            run = ef.run(posterior, ef.DEMCMove(), ensembles=4, seed=1, **options)
-            together = time.perf_counter() - begun
-            begun = time.perf_counter()
-            for seed in range(4):
-                ef.run(posterior, ef.DEMCMove(), ensembles=1, seed=seed, **options)
-            alone = time.perf_counter() - begun
-        busy = 100 * run.solves * solve / (workers * together)
-        rows.append((workers, alone, together, alone / together, busy))
-    return Table(
-        f"Measured: 4 x 16 walkers, {steps} steps, solves of {1e3 * solve:g} ms",
-        ("workers", "one after another s", "together s", "ratio", "efficiency %"),
-        ("d", ".2f", ".2f", ".2f", ".0f"),
-        tuple(rows),
-    )
+    options = dict(nwalkers=16, steps=steps)
+    with ThreadPoolExecutor(workers) as options["pool"]:
+        begun = time.perf_counter()
+        run = ef.run(posterior, ef.DEMCMove(), ensembles=4, seed=1, **options)
+        together = time.perf_counter() - begun
+        begun = time.perf_counter()
+        for seed in range(4):
+            ef.run(posterior, ef.DEMCMove(), ensembles=1, seed=seed, **options)
+        alone = time.perf_counter() - begun
+    busy = 100 * run.solves * solve / (workers * together)
+    return workers, alone, together, alone / together, busy
 
 
 def main(
@@ -118,9 +95,18 @@ def main(
         most: Workers, at most.
         solve: Seconds of a solve where it is slept.
     """
-    tables = [simulated(mean, scatter, dispatch, most) for scatter in (0.0, cov, 1.0)]
-    tables.append(measured(solve, most=min(most, 32)))
-    print(*tables, sep="\n\n")
+    tables = []
+    for scatter in (0.0, cov, 1.0):
+        title = f"Simulated: efficiency in %; solves of {mean:g} s, c.o.v. {scatter:g}"
+        rows = []
+        for size in (size for size in SIZES if size <= most):
+            jobs = [k * size // 2 for k in PER_WORKER]
+            shares = [efficiency(size, n, scatter, dispatch / mean) for n in jobs]
+            rows.append((size, *(100 * share for share in shares)))
+        tables.append(tabulate(title, SIMULATED, rows))
+    title = f"Measured: 4 x 16 walkers, 20 steps, solves of {1e3 * solve:g} ms"
+    sizes = [size for size in (2, 16, 32) if size <= most]
+    tables.append(tabulate(title, MEASURED, (time_runs(n, solve) for n in sizes)))
     return tables
 
 
