@@ -11,9 +11,7 @@ Gaussian relative errors of the frequencies with standard deviation beta^-1/2 = 
 any stiffness (1 to 2.7 %): see the tilted ellipses. A small lobe at k4 < 1980 N/m,
 2.8 % of the mass, makes the posterior not quite Gaussian.
 
-Run it:  python examples/mass_spring.py          (5 s)
-         python examples/mass_spring.py --paper  (DE-MC as in the paper: 10 walkers,
-                                                  10,000 generations; half a minute)
+Run it:  python examples/mass_spring.py  (5 s)
 """
 
 import argparse
@@ -67,28 +65,6 @@ def update(output: str = "figures/mass_spring") -> None:
     print(f"    {python} examples/tutorials/modal_test.py")
 
 
-def reproduce(generations: int = 10_000, output: str = "figures/mass_spring") -> None:
-    """Sample as the paper does; print its tables beside ours."""
-    problem = ef.paper.mass_spring()
-    move, burn_in = ef.DEMCMove(), generations // 5
-    run = ef.run(problem.posterior, move, 10, generations, seed=SEED, progress=True)
-    idata = ef.to_inference_data(run, discard=burn_in)
-    columns = {"true": problem.target, **problem.published.parameters}
-    parameters = ef.parameter_table(idata, problem.nominal, columns)
-    frequencies = ef.frequency_table(
-        idata, problem.posterior, problem.published.frequencies
-    )
-    diagnosis = ef.diagnose(run, discard=burn_in)
-    print(f"\n{parameters}\n\n{frequencies}\n\n{diagnosis}")
-    whole = ef.to_inference_data(run)
-    figures = {
-        "scatter": ef.figures.plot_scatter(idata, truths=problem.target),
-        "tae": ef.figures.plot_tae(whole, problem.posterior),
-        "correlation": ef.figures.plot_correlation(idata),
-    }
-    write(output, figures, parameters, frequencies)
-
-
 def write(output, figures, parameters, frequencies):
     """Write figures and tables; print their names."""
     folder = Path(output)
@@ -104,11 +80,5 @@ def write(output, figures, parameters, frequencies):
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--paper", action="store_true", help="run DE-MC as the paper")
-    parser.add_argument("--generations", type=int, default=10_000, help="of --paper")
     parser.add_argument("--output", default="figures/mass_spring", help="a folder")
-    options = parser.parse_args()
-    if options.paper:
-        reproduce(options.generations, options.output)
-    else:
-        update(options.output)
+    update(parser.parse_args().output)

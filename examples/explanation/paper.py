@@ -72,8 +72,7 @@ table = ef.frequency_table(idata, springs.posterior, printed.frequencies)
 table
 
 # %% [markdown]
-# `python examples/mass_spring.py --paper` is the long run: 10,000 generations, four
-# ensembles (half a minute).
+# The long run has `steps=10_000`, of which `discard=2_000` drops a fifth (half a minute):
 #
 # | | k1 | k2 | k4 | k6 | k8 | TAE |
 # |---|---|---|---|---|---|---|
