@@ -100,13 +100,17 @@ def assemble(theta):
 # Rotations have mass here, since members have self-weight. To massless rotations PyNite
 # gives a millionth of the smallest entry of M's diagonal, so M is positive definite.
 #
-# ## The split
+# ## The split, and the update
 #
 # {py:meth}`MatrixModel.from_differences <emcee_femu.MatrixModel.from_differences>`
 # makes $K = K_0 + \sum_j \theta_j K_j$ from one assembly with all factors 1 and one per
-# group doubled ({doc}`opensees`). PyNite's own frequencies at a random θ verify the
-# split. The remaining cells are inside `if __name__ == "__main__":`, so that the
-# functions above can be imported without PyNite.
+# group doubled ({doc}`opensees`).
+#
+# The measured frequencies are simulated: those of PyNite at true factors, with 0.5 % of
+# noise. At these factors the model must have the same frequencies, which verifies the
+# split. A real structure also deviates from its model: `ef.FrequencyTerm(..., discrepancy="model error")`, see
+# {doc}`/tutorials/noise_and_model_error`. The cell is inside `if __name__ ==
+# "__main__":`, so that the functions above can be imported without PyNite.
 
 # %%
 if __name__ == "__main__":
@@ -117,24 +121,13 @@ if __name__ == "__main__":
     print(base)
     print("the first rows are", *base.labels[:3])
     model = ef.MatrixModel.from_differences(base, doubled, n_modes=N_MODES)
-    prior = ef.GaussianPrior(names, [1.0] * 3, 0.2, [(0.4, 1.6)] * 3)
-    random = dict(zip(names, prior.sample(rng, 1).T, strict=True))
-    analysed = build({name: float(x[0]) for name, x in random.items()})
-    gap = np.abs(model(random).frequencies[0] / analysed.frequencies - 1).max()
+    exact = build(TRUTH).frequencies
+    found = model({name: np.array([x]) for name, x in TRUTH.items()}).frequencies[0]
+    gap = np.abs(found / exact - 1).max()
     print(f"frequencies: off by {gap:.0e} from those of PyNite")
-
-# %% [markdown]
-# ## The update
-#
-# The measured frequencies are simulated: those of PyNite at true factors, with 0.5 % of
-# noise. A real structure also deviates from its model:
-# `ef.FrequencyTerm(..., discrepancy="model error")`, see
-# {doc}`/tutorials/noise_and_model_error`.
-
-# %%
-if __name__ == "__main__":
-    measured = build(TRUTH).frequencies * (1 + NOISE * rng.standard_normal(N_MODES))
+    measured = exact * (1 + NOISE * rng.standard_normal(N_MODES))
     term = ef.FrequencyTerm(measured, relative_sd=NOISE)
+    prior = ef.GaussianPrior(names, [1.0] * 3, 0.2, [(0.4, 1.6)] * 3)
     run = ef.run(ef.LogPosterior(model, term, prior), seed=1)
     idata = ef.to_inference_data(run)
     print(ef.parameter_table(idata, true=TRUTH), ef.frequency_table(run), sep="\n\n")
