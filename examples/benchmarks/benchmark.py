@@ -20,6 +20,7 @@ import numpy as np
 from commands import command
 
 import emcee_femu as ef
+from emcee_femu.extensions.comparison.compare import Comparison
 from emcee_femu.moves.mixture import Mixture
 
 Floats = np.ndarray
@@ -119,7 +120,7 @@ if importlib.util.find_spec("dime_sampler"):
 
 def main(
     steps: int = 2_000, targets: tuple[str, ...] = ("fe5", "g20", "bim5"), seed: int = 1
-) -> dict[str, ef.Comparison]:
+) -> dict[str, Comparison]:
     """Print a table a target, and the share of the draws with x1 < 0; return them."""
     walkers = {fe5: 32, g20: 64, bim5: 32}
     compared = {}
