@@ -1,7 +1,7 @@
 """What the benchmarks share: options, processes and tables.
 
-The options of a benchmark are the arguments of its ``main``, as ``python
-examples/benchmarks/evidence.py --help`` shows.
+The options of a benchmark are the arguments of its ``main``:
+``python examples/benchmarks/evidence.py --help`` lists them.
 """
 
 import argparse
