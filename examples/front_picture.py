@@ -29,6 +29,7 @@ def main(output=ROOT / ".github" / "images" / "front.png"):
     page = runpy.run_path(str(ROOT / "examples" / "tutorials" / "modal_test.py"))
     shapes = ef.figures.plot_shapes(page["run"], modes=[1, 3])
     frequencies = ef.figures.plot_predictive(page["idata"], page["posterior"])
+    frequencies.set_size_inches(5.0, shapes.get_size_inches()[1])
     table = ef.frequency_table(page["idata"])
     before, after = (table.column(name)[-1] for name in ("error %", "error % "))
     print(f"Mean error of the frequencies: {before:.1f} % before, {after:.1f} % after")
