@@ -18,9 +18,40 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 import emcee_femu as ef
+from emcee_femu.figures.style import BELOW, BLUE, RED
 
 ROOT = Path(__file__).parents[1]
 DPI = 200
+
+
+def plot_frequencies(idata, height):
+    """Draw the error of each frequency before and after updating."""
+    before = ef.frequency_table(idata)
+    after = ef.predictive_table(idata)  # of the model, with 95 % intervals
+    measured = np.array(after.column("measured Hz"))
+    initial, mean, low, high = (
+        100 * (np.array(values[: len(measured)]) / measured - 1)
+        for values in (
+            before.column("prior mean Hz"),
+            *(after.column(title) for title in ("predicted Hz", "2.5 %", "97.5 %")),
+        )
+    )
+    figure, axes = plt.subplots(figsize=(4.1, height), layout="constrained")
+    place = np.arange(1, len(measured) + 1)
+    axes.axhline(0, color="black", lw=0.8)
+    axes.vlines(place, low, high, color=BLUE, lw=5, label="updated model, 95 %")
+    axes.plot(place, mean, "o", mfc="white", mec=BLUE, ms=5, label="its mean")
+    style = {"mfc": "white", "mec": RED, "ms": 7}
+    axes.plot(place, initial, "D", label="before updating", **style)
+    axes.set_xticks(place, [f"{i + 1}\n{f:.2f}" for i, f in enumerate(measured)])
+    axes.set_xlabel("mode, measured frequency [Hz]")
+    axes.set_ylabel("error of the frequency [%]")
+    axes.grid(True, axis="y", alpha=0.25)
+    sizes = [np.abs(errors).mean() for errors in (initial, mean)]
+    title = "mean error of the frequencies:\n{:.1f} % before, {:.1f} % after"
+    axes.set_title(title.format(*sizes), fontsize=9)
+    figure.legend(**BELOW | {"ncols": 3, "columnspacing": 1.0}, fontsize=8)
+    return figure
 
 
 def main(output=ROOT / ".github" / "images" / "front.png"):
@@ -28,11 +59,8 @@ def main(output=ROOT / ".github" / "images" / "front.png"):
     plt.rcParams["font.size"] = 9
     page = runpy.run_path(str(ROOT / "examples" / "tutorials" / "modal_test.py"))
     shapes = ef.figures.plot_shapes(page["run"], modes=[1, 3])
-    frequencies = ef.figures.plot_predictive(page["idata"], page["posterior"])
-    frequencies.set_size_inches(5.0, shapes.get_size_inches()[1])
-    table = ef.frequency_table(page["idata"])
-    before, after = (table.column(name)[-1] for name in ("error %", "error % "))
-    print(f"Mean error of the frequencies: {before:.1f} % before, {after:.1f} % after")
+    frequencies = plot_frequencies(page["idata"], shapes.get_size_inches()[1])
+    print(frequencies.axes[0].get_title())
     pictures = []
     for figure in (shapes, frequencies):
         figure.set_dpi(DPI)
