@@ -28,13 +28,13 @@ run
 # ## 1. Search
 #
 # The search solves 2,000 points; with `steps=`, a fifth as many as the chain has
-# evaluations, at least 1,000. Half of them are draws of the prior; half are about the modes found so far, at 2, 4, 8
-# times their widths and so on. Each ensemble climbs from its best point. It then climbs
-# from points whose density is higher than that of the Gaussians fitted at the known
-# modes. If the posterior is not Gaussian, there are many such points, and a climb starts
-# only from those that are separated from the nearest mode by a valley (checked at four
-# points on the way). The climbs are those of {py:func}`~emcee_femu.find_map`: one solve
-# per step with `jacobian`, `d + 1` without.
+# evaluations, at least 1,000. Half of them are draws of the prior; half are about the
+# modes found so far, at 2, 4, 8 times their widths and so on. Each ensemble climbs from
+# its best point. It then climbs from points whose density is higher than that of the
+# Gaussians fitted at the known modes. If the posterior is not Gaussian, there are many
+# such points, and a climb starts only from those that are separated from the nearest
+# mode by a valley (checked at four points on the way). The climbs are those of
+# {py:func}`~emcee_femu.find_map`: one solve per step with `jacobian`, `d + 1` without.
 
 # %%
 search = run.search
@@ -111,9 +111,9 @@ ef.diagnose(run)
 
 # %% [markdown]
 # A mode that no point of the search hit is not in the proposal; the statement on the
-# search says how small it may be. `steps=` of a longer run searches more, and so do starts of your own
-# (`starts=`). The chain holds no part of the search, so that nothing needs to be
-# discarded:
+# search says how small it may be. `steps=` of a longer run searches more, and so do
+# starts of your own (`starts=`). The chain holds no part of the search, so that nothing
+# needs to be discarded:
 
 # %%
 chain = run[0].get_chain().shape

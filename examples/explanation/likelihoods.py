@@ -158,8 +158,8 @@ print(statics, stats.norm.logpdf(u, u_m, 0.1).sum())
 # shows all errors. It does not show the accelerometer's mass or a tilted hammer, which
 # all lines share.
 #
-# The likelihood of complex FRFs is sharp where the resonances meet, and away from there it
-# may rise in the wrong direction. The logarithms of amplitudes lead there from
+# The likelihood of complex FRFs is sharp where the resonances meet, and away from there
+# it may rise in the wrong direction. The logarithms of amplitudes lead there from
 # everywhere, but determine the stiffness less well. So search by amplitudes, and sample
 # with complex FRFs if phases are good.
 
@@ -188,8 +188,8 @@ print(by_frf, stats.norm.logpdf([r.real, r.imag], scale=s).sum())
 # Sources: the paper's Eq. 2.2; Vanik, Beck and Au (2000),
 # [doi:10.1061/(ASCE)0733-9399(2000)126:7(738)](https://doi.org/10.1061/(ASCE)0733-9399(2000)126:7(738));
 # Simoen, De Roeck and Lombaert (2015),
-# [doi:10.1016/j.ymssp.2014.11.001](https://doi.org/10.1016/j.ymssp.2014.11.001);
-# Bendat and Piersol, Random Data (2010).
+# [doi:10.1016/j.ymssp.2014.11.001](https://doi.org/10.1016/j.ymssp.2014.11.001); Bendat
+# and Piersol, Random Data (2010).
 
 # %% tags=["remove-cell"]
 np.testing.assert_allclose(by_beta[0], by_scipy, rtol=1e-10)

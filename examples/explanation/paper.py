@@ -228,9 +228,9 @@ Table(
 )
 
 # %% [markdown]
-# For the 0.026 % of A3 the errors of the frequencies would have to be 60 times smaller. The
-# printed c.o.v. of the frequencies would then be impossible: no $\beta$ gives both. Such
-# numbers come from a population that has not spread.
+# For the 0.026 % of A3 the errors of the frequencies would have to be 60 times smaller.
+# The printed c.o.v. of the frequencies would then be impossible: no $\beta$ gives both.
+# Such numbers come from a population that has not spread.
 #
 # ### The order of the modes
 #

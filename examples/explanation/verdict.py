@@ -141,19 +141,19 @@ figure
 #
 # No diagnosis sees what neither a search nor a walker has visited. The search of
 # `"auto"` evaluates 2,000 points; with `steps=`, a fifth as many as the chain has
-# evaluations, at least 1,000. Half of them are draws of the prior, half are about the modes found. It may
-# miss a mode if the region from which a climb would lead there is too small. This is so
-# if the region holds less than about 3 / points both of the prior and of the
-# surroundings of the found modes. (Where 3 hits are expected, the chance of none is 5
-# %.) The statement says how small that is:
+# evaluations, at least 1,000. Half of them are draws of the prior, half are about the
+# modes found. It may miss a mode if the region from which a climb would lead there is
+# too small. This is so if the region holds less than about 3 / points both of the prior
+# and of the surroundings of the found modes. (Where 3 hits are expected, the chance of
+# none is 5 %.) The statement says how small that is:
 
 # %%
 points = good.modes.searched
 print(f"{points} points: a region of {3 / points:.1e} may be missed")
 
 # %% [markdown]
-# Longer runs by `steps=` search more. Other remedies are other seeds, your own starts (`starts=`,
-# which are searched too), and [tempering](../how_to/tempering.py).
+# Longer runs by `steps=` search more. Other remedies are other seeds, your own starts
+# (`starts=`, which are searched too), and [tempering](../how_to/tempering.py).
 #
 # ## Fit: the right posterior of a wrong model
 #

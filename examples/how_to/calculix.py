@@ -120,8 +120,9 @@ def deck(theta: Mapping[str, float], procedure: str = "*FREQUENCY") -> str:
 # %% [markdown]
 # ## A solve, and an export
 #
-# With `*FREQUENCY, SOLVER=MATRIXSTORAGE` the same program writes K and M instead. One export
-# with all factors 1 and one per factor doubled make a {py:class}`~emcee_femu.MatrixModel`.
+# With `*FREQUENCY, SOLVER=MATRIXSTORAGE` the same program writes K and M instead. One
+# export with all factors 1 and one per factor doubled make a
+# {py:class}`~emcee_femu.MatrixModel`.
 
 
 # %%

@@ -62,11 +62,11 @@ read
 # | `damping ratio`, `damping sd` | one | numbers, or percent as `damping [%]`; blank where not known |
 # | `phase collinearity` | one | of shapes that were complex |
 #
-# `to_csv(path)` writes such a file with all digits. An unreadable cell raises an error with
-# its line and column. Semicolons with decimal commas, and the usual words in any case
-# (`Freq (Hz)`, `std`, `zeta`), are read too. If a sensor was missing in one mode, leave
-# its cell of `shape` blank, or use NaN in an array: that mode is compared at the other
-# sensors. A mode that was not identified has no column.
+# `to_csv(path)` writes such a file with all digits. An unreadable cell raises an error
+# with its line and column. Semicolons with decimal commas, and the usual words in any
+# case (`Freq (Hz)`, `std`, `zeta`), are read too. If a sensor was missing in one mode,
+# leave its cell of `shape` blank, or use NaN in an array: that mode is compared at the
+# other sensors. A mode that was not identified has no column.
 #
 # ## From a universal file
 #
@@ -109,8 +109,8 @@ from_uff
 #
 # ## From pyOMA2
 #
-# `Measurements.from_pyoma2(algorithm.result)`: {doc}`ambient_vibration`. Frequency response
-# functions come from data sets 58, see {doc}`frf`.
+# `Measurements.from_pyoma2(algorithm.result)`: {doc}`ambient_vibration`. Frequency
+# response functions come from data sets 58, see {doc}`frf`.
 
 # %% tags=["remove-cell"]
 for name in ("frequencies", "sd", "shapes"):

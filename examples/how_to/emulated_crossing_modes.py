@@ -45,8 +45,8 @@ _ = axes.set(xlabel="height, width 1", ylabel="frequency in Hz")
 # | frequencies and shapes | the entries of A = Q^T Lambda Q and the shapes Phi Q, where Q turns the modes onto reference shapes |
 # | any other real variable | its numbers as they are |
 #
-# Each fit chooses which modes go together, and whether positive parameters and eigenvalues
-# are seen by their logarithms, by leaving out each solved point in turn.
+# Each fit chooses which modes go together, and whether positive parameters and
+# eigenvalues are seen by their logarithms, by leaving out each solved point in turn.
 #
 # ## The model with its shapes
 #

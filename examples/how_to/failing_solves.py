@@ -70,8 +70,8 @@ print("the first one:", first.message, dict(first.parameters), sep="\n  ")
 # ## A program that hangs
 #
 # Limit the time where the model starts the program, `subprocess.run(..., timeout=600)`.
-# `subprocess.TimeoutExpired` and `TimeoutError` are counted as time-outs, apart from other
-# exceptions.
+# `subprocess.TimeoutExpired` and `TimeoutError` are counted as time-outs, apart from
+# other exceptions.
 #
 # ## The parameters' fault, or the machine's?
 #
@@ -113,10 +113,10 @@ with tempfile.TemporaryDirectory() as folder:  # yours is where you keep results
 print(f"the next day: {emulated.solves} solves by {len(calls)} calls")
 
 # %% [markdown]
-# `emulate` stores every solve as it arrives. When the server is back, the same call checks
-# that the model is the same, and continues. So do `certify` and `run`
-# ({doc}`/tutorials/long_runs`). A solve that `emulate` rejects is left out of the fit; in
-# `certify` such a draw has no weight.
+# `emulate` stores every solve as it arrives. When the server is back, the same call
+# checks that the model is the same, and continues. So do `certify` and `run`
+# ({doc}`/tutorials/long_runs`). A solve that `emulate` rejects is left out of the fit;
+# in `certify` such a draw has no weight.
 
 # %% tags=["remove-cell"]
 assert 0 < log.causes["exception"] < 0.2 * log.evaluations

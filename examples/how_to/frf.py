@@ -49,14 +49,15 @@ model = ef.frf.FRFModel(modal, LINES, CHANNELS, damping="damping", kind="acceler
 #
 # ## The measurement
 #
-# {py:class}`~emcee_femu.frf.FRFMeasurements` holds receptance (displacement over force),
-# mobility (velocity) or accelerance (acceleration), each channel a pair (response DOF,
-# excitation DOF). `FRFMeasurements.from_uff("test.uff", averages=20)` reads data sets 58 of
-# universal files, text or binary, with the coherence; `between=(low, high)` takes a part
-# of the lines, and `kind="mobility"` says what a file leaves open (analysers may write the
-# type of the ordinate as unknown). A line at 0 Hz, where analysers begin, is left out with
-# a warning, and values come in SI. A channel such as `("2:-ux", "7:uz")` is measured
-# against an axis: its sign is turned. Here a test of 20 averages is simulated:
+# {py:class}`~emcee_femu.frf.FRFMeasurements` holds receptance (displacement over
+# force), mobility (velocity) or accelerance (acceleration), each channel a pair
+# (response DOF, excitation DOF). `FRFMeasurements.from_uff("test.uff", averages=20)`
+# reads data sets 58 of universal files, text or binary, with the coherence;
+# `between=(low, high)` takes a part of the lines, and `kind="mobility"` says what a
+# file leaves open (analysers may write the type of the ordinate as unknown). A line at
+# 0 Hz, where analysers begin, is left out with a warning, and values come in SI. A
+# channel such as `("2:-ux", "7:uz")` is measured against an axis: its sign is turned.
+# Here a test of 20 averages is simulated:
 
 # %%
 truth = {"k1": 2.2, "k2": 1.9, "k3": 2.0, "damping": 0.012}

@@ -61,8 +61,8 @@ ef.figures.plot_predictive(idata)
 
 # %% [markdown]
 # A solver that takes one parameter set at a time becomes a model by
-# `ef.FunctionModel(function, variables=StaticTerm.reads)`, which declares what it returns;
-# the labels of the points are those that the term reads.
+# `ef.FunctionModel(function, variables=StaticTerm.reads)`, which declares what it
+# returns; the labels of the points are those that the term reads.
 #
 # All optional attributes of models and terms are listed in
 # {doc}`/reference/contracts`. With `deviations`, for Gaussian errors, `arviz.loo`

@@ -72,9 +72,10 @@ except ValueError as error:
 #
 # ## In a posterior
 #
-# {py:class}`~emcee_femu.FrequencyTerm` uses the covariance, {py:class}`~emcee_femu.ShapeTerm`
-# the scatter of the shapes, sensor by sensor; `ef.ShapeTerm(test, delta=0.02)` would take
-# one number in its place, relative to a shape of unit length.
+# {py:class}`~emcee_femu.FrequencyTerm` uses the covariance,
+# {py:class}`~emcee_femu.ShapeTerm` the scatter of the shapes, sensor by sensor;
+# `ef.ShapeTerm(test, delta=0.02)` would take one number in its place, relative to a
+# shape of unit length.
 
 # %%
 storeys = {  # of 1 MN/m

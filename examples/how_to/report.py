@@ -101,8 +101,8 @@ print(frame[["parameter", "mean", "sd/prior sd"]].to_latex(index=False))
 # %% [markdown]
 # Each function of `ef.figures` returns a matplotlib figure, with the units of the
 # posterior ({doc}`gallery`). You can change its axes, and save it for print; text stays
-# text. `truths=` marks values in blue, `var_names=` chooses the parameters, and a quantity
-# that you write into the ArviZ object is one of them:
+# text. `truths=` marks values in blue, `var_names=` chooses the parameters, and a
+# quantity that you write into the ArviZ object is one of them:
 
 # %% mystnb={"image": {"alt": "Histograms and scatter of the modulus of the lower half and of its ratio to that of the upper half"}}
 idata = ef.to_inference_data(run)
@@ -118,8 +118,8 @@ figure
 # the frames means that these sensors cannot distinguish two modes.
 #
 # Save the samples with `idata.to_netcdf("run.nc")`, and read them with
-# `arviz.from_netcdf`: tables and figures can be made again without a solve. ({doc}`with_arviz`
-# has more; ArviZ 1 needs `pip install h5netcdf h5py` for this.)
+# `arviz.from_netcdf`: tables and figures can be made again without a solve.
+# ({doc}`with_arviz` has more; ArviZ 1 needs `pip install h5netcdf h5py` for this.)
 
 # %% tags=["remove-cell"]
 page = path.read_text(encoding="utf-8")

@@ -64,8 +64,8 @@ show(lambda: ef.run(five, ef.DEMCMove(), nwalkers=8, seed=1))
 #
 # ## A stiffness without bounds
 #
-# A Gaussian prior extends below zero, where a structure has no natural frequencies. Walkers
-# start from samples of the prior, so the message comes early:
+# A Gaussian prior extends below zero, where a structure has no natural frequencies.
+# Walkers start from samples of the prior, so the message comes early:
 
 # %%
 unbounded = ef.GaussianPrior(["k1", "k2"], [30, 20], [20, 15])

@@ -96,8 +96,9 @@ emulated
 #   rounds below `tolerance` (0.1).
 #
 # The likelihood includes the emulator's own variance, so with few solves the posterior
-# is broad, not wrong. A mode that no emulator suspects stays unseen; {doc}`/explanation/few_solves_measured`
-# says how it is looked for, and how often all this was right.
+# is broad, not wrong. A mode that no emulator suspects stays unseen;
+# {doc}`/explanation/few_solves_measured` says how it is looked for, and how often all
+# this was right.
 #
 # ## Run
 #

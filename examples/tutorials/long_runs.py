@@ -172,8 +172,8 @@ for solves in (10_000, 200_000):
 # ## Failures, processes
 #
 # A solve that fails stops the run and names the parameters, and nothing is lost;
-# {doc}`/how_to/failing_solves` says when `on_failure="reject"` is right. `workers=4` starts
-# four processes and ends them with the run, whose chain is that of a serial run;
+# {doc}`/how_to/failing_solves` says when `on_failure="reject"` is right. `workers=4`
+# starts four processes and ends them with the run, whose chain is that of a serial run;
 # {doc}`/how_to/clusters` has pools for other machines.
 #
 # ## A job script
@@ -189,9 +189,10 @@ for solves in (10_000, 200_000):
 #  python job.py
 #  ```
 #
-# In `job.py`, use `workers=16`; the linear algebra of each worker has one thread. Submit the script three times:
-# `--dependency=singleton` runs jobs of the same name one after another. Each continues
-# where the last one was stopped, and those that find nothing left to do end at once.
+# In `job.py`, use `workers=16`; the linear algebra of each worker has one thread.
+# Submit the script three times: `--dependency=singleton` runs jobs of the same name one
+# after another. Each continues where the last one was stopped, and those that find
+# nothing left to do end at once.
 
 # %% tags=["remove-cell"]
 assert 60 <= stored < 300 and same

@@ -68,8 +68,8 @@ ef.parameter_table(tests["day1"])
 #
 # ## The population
 #
-# The parameters of test t come from a normal distribution, cut at the bounds of the tests'
-# priors and normalised inside them:
+# The parameters of test t come from a normal distribution, cut at the bounds of the
+# tests' priors and normalised inside them:
 #
 # $$\theta_t \sim N\big(\text{mean} + \text{slope}\,(x_t - \bar x),\ \text{sd}\big)$$
 #

@@ -105,11 +105,11 @@ print("MAC           ", pairing.mac[0].round(2))
 #
 # ## What is known before the test
 #
-# A lognormal prior keeps a stiffness positive: here 210 GPa, known to about 20 %. Two more
-# parameters describe the error of the model itself: `frequency error` is its relative
-# standard deviation in frequencies, on top of the measured 0.2 %, and `shape error` the
-# standard deviation at one sensor for a shape of unit length. Their half-normal priors
-# have scales that would not surprise.
+# A lognormal prior keeps a stiffness positive: here 210 GPa, known to about 20 %. Two
+# more parameters describe the error of the model itself: `frequency error` is its
+# relative standard deviation in frequencies, on top of the measured 0.2 %, and
+# `shape error` the standard deviation at one sensor for a shape of unit length. Their
+# half-normal priors have scales that would not surprise.
 
 # %%
 stiffness = stats.lognorm(0.2, scale=210)  # GPa
@@ -154,9 +154,9 @@ ef.parameter_table(idata)
 
 # %% [markdown]
 # The last column is the posterior standard deviation divided by that of the prior. The
-# model's own error is inferred at 0.7 % in frequency, more than three times the scatter of
-# the test. With the 0.2 % alone the intervals would be far too narrow: see [noise and
-# model error](noise_and_model_error.py).
+# model's own error is inferred at 0.7 % in frequency, more than three times the scatter
+# of the test. With the 0.2 % alone the intervals would be far too narrow: see
+# [noise and model error](noise_and_model_error.py).
 
 # %% mystnb={"image": {"alt": "Scatter of three stiffnesses with 95 % ellipses, and of two errors, whose regions have a tail upwards; lines mark the true stiffnesses, inside each ellipse"}}
 truth = {"columns": 0.95 * 210, "beams x": 1.15 * 210, "beams y": 0.85 * 210}
