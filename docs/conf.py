@@ -69,7 +69,8 @@ nb_execution_raise_on_error = True
 nb_execution_in_temp = True  # pages write files
 nb_execution_timeout = 900  # s for a cell: machines are busy at times
 nb_merge_streams = True
-# Where tests ask for Agg a page would show no figure.
+# Pages show no bars; and where tests ask for Agg, they would show no figure.
+os.environ["TQDM_DISABLE"] = "1"
 os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3

@@ -250,10 +250,11 @@ def describe_object(value: object) -> str:
 def check_progress(progress: bool | str | None) -> bool | str:
     """Return True, False, or "notebook" if ipywidgets can show that bar.
 
-    None: True on a terminal.
+    None: whether there is a terminal, or a notebook that can show a bar.
     """
     if progress is None:
-        return _on_terminal() and find_spec("tqdm") is not None
+        shown = _on_terminal() or _in_notebook()
+        return shown and find_spec("tqdm") is not None
     if progress != "notebook":
         return checks.flag("progress", progress)
     if find_spec("ipywidgets") is None:
@@ -267,8 +268,7 @@ def check_progress(progress: bool | str | None) -> bool | str:
 def progress_bar(progress: bool | str, total: int, text: str) -> Any:
     """Return a progress bar with emcee's interface, as requested."""
     if progress is True and not _on_terminal():
-        in_notebook = type(sys.stderr).__module__.startswith("ipykernel")
-        if not (in_notebook and find_spec("ipywidgets")):
+        if not _in_notebook():
             return _Lines(total, text)
         progress = "notebook"
     return get_progress_bar(progress, total, desc=text)
@@ -289,6 +289,12 @@ def complete(bar: Any) -> None:
 
 def _on_terminal() -> bool:
     return sys.stderr is not None and sys.stderr.isatty()
+
+
+def _in_notebook() -> bool:
+    """Return whether this is a notebook that can show a bar."""
+    kernel = type(sys.stderr).__module__.startswith("ipykernel")
+    return kernel and find_spec("ipywidgets") is not None
 
 
 class _Lines:

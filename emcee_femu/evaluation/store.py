@@ -164,6 +164,15 @@ class Store:
             table = np.frombuffer(content, "<f8").reshape(n, -1).copy()
             yield Record(kind, table[:, :ndim], table[:, ndim:], json.loads(counts))
 
+    def spent(self) -> list[int]:
+        """Return the counts of all streams together, at their last records."""
+        last = [
+            next(self.read(stream, range(length - 1, length)))
+            for stream, length in self.lengths().items()
+        ]
+        total: list[int] = np.sum([record.counts for record in last], axis=0).tolist()
+        return total
+
     def verify(self) -> None:
         """Read the whole file, and refuse it if a single bit has changed."""
         with self._reading() as file:

@@ -173,6 +173,7 @@ def _of_file(
         stopped=store["stopped"] or "",
         initial=row and np.array(row),
         log_box=manifest.get(LOG_BOX, np.nan),
+        solves=store.spent()[0] + (search.followed_in if search else 0),
     )
 
 

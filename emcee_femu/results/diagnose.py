@@ -23,6 +23,8 @@ from .chains import read_chains
 from .fit import judge_fit
 
 HITS = 3  # expected, of which none comes once in twenty times
+# Weights are equal within two standard errors, if these are so small.
+EQUAL_WITHIN, ERROR_OF_EQUAL = 2.0, 0.02
 
 
 def diagnose(source: object, discard: int = 0) -> Diagnosis:
@@ -98,6 +100,22 @@ def judge_search(modes: ModeWeights | None, cures: Cures) -> Statement:
         f"small that fewer than one point in {modes.searched // HITS:,} falls near it"
         f"{reached} may be missing."
     )
+    if count > 1:
+        sentence += (
+            f" The samples form {count} separate clouds, and a mean may lie between "
+            "them: report each with its weight."
+        )
+        i, j = np.triu_indices(count, 1)
+        weights, errors = modes.weights.mean(axis=0), modes.errors[i] + modes.errors[j]
+        apart = np.abs(weights[i] - weights[j])
+        equal = (apart < EQUAL_WITHIN * errors) & (errors < ERROR_OF_EQUAL)
+        if equal.any():
+            first = np.argmax(equal)
+            sentence += (
+                f" Maxima {i[first] + 1} and {j[first] + 1} weigh the same: if one "
+                "mirrors the other, as left and right of a symmetric structure, these "
+                "data cannot tell them apart; measure what can, or tie the parameters."
+            )
     return Statement(SEARCHED, short, sentence)
 
 

@@ -19,6 +19,7 @@ WIDTH_95 = 1.96  # standard deviations of a new measurement to either side: 95 %
 CHANCE = 0.1  # of so many values outside, if the posterior had not seen them
 FAR_OUTSIDE = 4.0  # standard deviations, for a single value
 OUTVOTED = 5  # times as many values in another term
+SMALL_MAXIMUM = 0.01  # weight of one whose modes do not matter
 WRONG = 2.0  # times what was measured, or its inverse: more than a model's error
 NOT_DRAWN = "no term draws new measurements of what the model stores"
 NO_DATA = "no term says what was measured, as of a bare log-likelihood"
@@ -68,8 +69,9 @@ def judge_fit(source: InferenceData, chains: Chains, discard: int) -> Statement:
         f"measurements{far}."
     )
     pressed = about.find_pressed()
+    swapped = [*_find_swaps(chains)]
     if not missed:
-        doubts = [*about.find_followed(), *_recall(chains)]
+        doubts = [*about.find_followed(), *swapped, *_recall(chains)]
         still = [p for p in parts if is_constant(p.predicted)]
         if np.ptp(chains.draws) and still:
             label = ", ".join(part.name for part in still)
@@ -82,7 +84,7 @@ def judge_fit(source: InferenceData, chains: Chains, discard: int) -> Statement:
         sentence = " ".join([f"{short}: {sentence}", *pressed, *doubts])
         return Statement(status, short, sentence)
     actions = units or [*_outvoted(chains.posterior, missed)] or about.find_doubts()
-    actions = actions or pressed or [remedy]
+    actions = swapped or actions or pressed or [remedy]
     short = f"{total - inside} of {total} outside" if far else "a surprising error"
     sentence = " ".join([f"does not fit: {sentence}", *actions])
     return Statement("does not fit", short, sentence)
@@ -96,6 +98,25 @@ def _read(source: InferenceData, chains: Chains, discard: int) -> InferenceData 
         return None
     thin = min(len(chains.draws), -(-chains.log_prob.size // ENOUGH_PREDICTED))
     return read_samples(source, None, discard, thin)[0]
+
+
+def _find_swaps(chains: Chains) -> Iterator[str]:
+    """Name modes of the structure that change places, by maximum of the posterior."""
+    if (search := chains.search) is None:
+        return
+    for experiment, found in search.followed.items():
+        for i, numbers in enumerate(np.array(found)):
+            there = numbers != 1 + np.arange(len(numbers))
+            swapped = np.flatnonzero(there & (numbers > 0))
+            if not swapped.size or search.weights[i] < SMALL_MAXIMUM:
+                continue
+            moved = [f"{mode + 1} is number {numbers[mode]}" for mode in swapped]
+            where = f"maximum {i + 1}{f' of {experiment}' if experiment else ''}"
+            yield (
+                f"At {where} (weight {search.weights[i]:.2f}) modes of the structure "
+                "have changed places since the prior mean, by the model's shapes: mode "
+                f"{', mode '.join(moved)}. Pair them by shape: PairedModel(model, ...)."
+            )
 
 
 def _recall(chains: Chains) -> list[str]:

@@ -22,6 +22,8 @@ from .to_arviz import read_samples
 
 INTERVAL = (0.025, 0.975)
 OF_PRIOR = "prior mean", "error %", "sd/prior sd"  # columns
+# Of a Gaussian 8 % of the samples lie within a tenth of an sd of the mean.
+NEAR_MEAN, FEW_NEAR = 0.1, 0.01
 LOW_MAC = 0.5  # the default of PairedModel, below which a pair does not mean much
 
 
@@ -116,6 +118,14 @@ def parameter_table(
         column = checks.numbers_by_name(f"published[{title!r}]", values, names)
         columns.append((title, ".5g", column))
     title = f"Updating parameters{describe_certificate(idata)}"
+    near = (np.abs(draws - mean) < NEAR_MEAN * sd).mean(axis=0)
+    # Of constant samples none is nearer than 0, which is no cloud beside the mean.
+    if between := [
+        n
+        for n, share, s in zip(names, near, sd, strict=True)
+        if share < FEW_NEAR and s > 0
+    ]:
+        title += f" (the mean of {', '.join(between)} lies between clouds of samples)"
     return Table.from_columns(title, columns)
 
 

@@ -16,7 +16,7 @@ from .importance import find_acceptance, normalise, resample
 from .proposals import Component, Trial, add_components, carry, cover, refine, uncover
 from .record import SearchRecord, label, separate, weigh
 from .response_surface import LEARNED, ResponseSurface, learn_surface
-from .search import Search
+from .search import Search, follow_modes
 from .tails import climb_tails
 
 # Evaluations by those of the chain; of a short one.
@@ -135,6 +135,8 @@ def search_and_start(
             SHARE_BESIDE_HAMILTONIAN if count > 1 else 0.0
         )  # for jumps between modes
     weights, errors = weigh(labels, trial.log_weights, count)
+    height = np.where(labels[:, None] == np.arange(count), trial.rows[:, :1], -np.inf)
+    followed = follow_modes(evaluator.posterior, trial.theta[height.argmax(axis=0)])
     record = SearchRecord(
         mixture=trial.mixture,
         mode_of=mode_of,
@@ -149,11 +151,12 @@ def search_and_start(
         climbs=search.climbs,
         from_prior=search.from_prior,
         annealed=bool(populations),
-        solves=evaluator.solves,
+        solves=evaluator.solves + len(followed) * (count + 1),
         share=share,
         trajectories=trajectories,
         screened=screened,
         surface=None if surface is None else surface.arguments,
+        followed=followed,
     )
     return record, states
 

@@ -1,9 +1,10 @@
-"""The solve at the prior mean, held against what was measured before any sampling."""
+"""The solves before any sampling: at the prior mean, and at starting points."""
 
 import time
 import warnings
 from collections.abc import Mapping
 
+import emcee
 import numpy as np
 
 from ..contracts import Floats
@@ -19,6 +20,7 @@ LARGE_ERROR = 0.3  # prior mean of a relative error: most are meant to be a few 
 NARROW_PRIOR = 9e-5  # sd by mean of a prior, 1e-4 less the error of both by sampling
 # Relative difference of responses that a solver's rounding may make.
 SAME_RESPONSE = 1e-9
+MOST_START_DRAWS = 20  # of a starting point
 
 
 def check_first_solve(evaluator: Evaluation) -> tuple[float, list[str]]:
@@ -202,3 +204,44 @@ def doubt_units(predicted: Floats, measured: Floats, unit: str) -> str:
         f"model is {times:.3g} times too {'low' if less else 'high'}; "
         + ("was rad/s given for Hz?" if turn else "do the units agree?")
     )
+
+
+def draw_starts(
+    evaluator: Evaluation,
+    nwalkers: int,
+    ensembles: int,
+    seed: int,
+    points: Floats | None,
+) -> list[emcee.State]:
+    """Return the evaluated start of each ensemble, with its own random stream.
+
+    Starts from the prior that are impossible, or failed, are drawn again.
+    """
+    posterior, states = evaluator.posterior, []
+    for ensemble, stream in enumerate(np.random.SeedSequence(seed).spawn(ensembles)):
+        if points is None:
+            theta = posterior.start(nwalkers, stream.spawn(1)[0])
+        else:
+            theta = points[ensemble].copy()
+        rows = evaluator.rows(theta)
+        if points is None and not ensemble:
+            for doubt in doubt_reach(posterior, rows):
+                warnings.warn(doubt, stacklevel=3)
+        for _ in range(MOST_START_DRAWS if points is None else 0):
+            again = np.flatnonzero(~np.isfinite(rows[:, 0]))
+            if not len(again):
+                break
+            theta[again] = posterior.start(len(again), stream.spawn(1)[0])
+            rows[again] = evaluator.rows(theta[again])
+        finite = np.isfinite(rows[:, 0])
+        if not finite.all():
+            walker = int(np.argmin(finite))
+            values = dict(zip(posterior.names, theta[walker].tolist(), strict=True))
+            raise ValueError(
+                f"starts: the log-posterior of walker {walker} is {rows[walker, 0]} at "
+                f"{values}; every walker must start where it is finite (for a solve "
+                "that failed, on_failure='raise' tells why)"
+            )
+        random = np.random.RandomState(np.random.MT19937(stream)).get_state()
+        states.append(emcee.State(theta, rows[:, 0], rows[:, 1:], random))
+    return states

@@ -188,6 +188,8 @@ class SearchRecord(Report):
         screened: Independence proposals for each solve, by a response surface.
         surface: Arguments of that surface, where there is one and it is kept.
         from_prior: How many climbs began at draws of the prior, whatever their height.
+        followed: By experiment, the number that each mode of the structure at the prior
+            mean has at the maxima, ``(g, p)``; see :func:`.follow_modes`.
     """
 
     mixture: Mixture
@@ -208,6 +210,12 @@ class SearchRecord(Report):
     screened: int = 1
     surface: Mapping[str, Any] | None = None
     from_prior: int = 0
+    followed: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def followed_in(self) -> int:
+        """Solves by which modes were followed, which no evaluator counted."""
+        return len(self.followed) * (len(self.weights) + 1)
 
     @property
     def proposal(self) -> IndependenceMove:

@@ -32,8 +32,15 @@ from ..evaluation.samplers import (
 from ..evaluation.store import Store, StoredChain, StoredEvaluation
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
+from .arguments import (
+    Moves,
+    check_backends,
+    check_starts,
+    check_walkers,
+    weigh_moves,
+)
 from .auto import budget_of, search_and_start
-from .first_solve import check_first_solve, doubt_reach
+from .first_solve import check_first_solve, draw_starts
 from .record import (
     STOPPED_BY_SOLVES,
     STOPPED_BY_STEPS,
@@ -43,9 +50,7 @@ from .record import (
     read_backends,
 )
 from .verdict import NOT_CONVERGED, judge_chains, measure
-from .weighted import Moves, check_walkers, weigh_moves
 
-MOST_START_DRAWS = 20  # of a starting point
 # Without steps= the verdict is asked first at so many steps, a little more than the 50
 # that tau takes, then each time at a quarter more: few looks, and little too much.
 FIRST_LOOK, LOOK_FURTHER = 60, 1.25
@@ -124,7 +129,7 @@ def run(
             backend per ensemble.
         thin_by: Store only every ``thin_by``-th step.
         progress: Whether to show a progress bar (in notebooks with ipywidgets), or
-            a line at every tenth if there is no terminal. None: only on a terminal.
+            a line at every tenth elsewhere. None: on terminals and in notebooks.
             "notebook": the notebook's bar.
         starts: Starting positions ``(ensembles, nwalkers, ndim)``, or ``(nwalkers,
             ndim)`` for one ensemble. Default: draws from the prior. "auto" searches
@@ -190,7 +195,7 @@ def run(
     seed = checks.whole_number("seed", seed)
     thin_by = checks.whole_number("thin_by", thin_by, 1)
     progress = check_progress(progress)
-    points = _check_starts(starts, posterior, ensembles, nwalkers)
+    points = check_starts(starts, posterior, ensembles, nwalkers)
     in_file = resume or isinstance(backend, str | PathLike)
     listed = [(f"{weight:g} x", move) for move, weight in weighted or ()]
     betas = ladder_of([move for _, move in listed])
@@ -203,7 +208,7 @@ def run(
         "seed": seed,
         "starts": points,
     }
-    backends = _check_backends(None if in_file else backend, ensembles)
+    backends = check_backends(None if in_file else backend, ensembles)
     with open_evaluator(
         posterior,
         asked,
@@ -234,7 +239,7 @@ def run(
             )
             weighted = search.moves(posterior.prior)
         else:
-            states = _draw_starts(evaluator, *shape, points)
+            states = draw_starts(evaluator, *shape, points)
         parts = [evaluator.part() for _ in range(ensembles)]
         own = [copy_moves(weighted) for _ in parts]
         if store is not None:
@@ -242,6 +247,7 @@ def run(
             if search is not None:  # after the starts, which it promises
                 store["search"] = search.to_json()
             states, backends = [one.get_last_sample() for one in chains], [*chains]
+        evaluator.solves += search.followed_in if search is not None else 0
         samplers = [
             Sampler(nwalkers, part, mine, chain)
             for part, mine, chain in zip(parts, own, backends, strict=True)
@@ -463,96 +469,8 @@ def _open_chains(
             f"steps: expected at least the {longest} steps that {store.path} holds "
             f"already, got {steps}"
         )
-    counts = [chain.last.counts for chain in chains]
-    for part, spent in zip(parts, counts, strict=True):
-        part.restore(spent)
+    for part, chain in zip(parts, chains, strict=True):
+        part.restore(chain.last.counts)
     # What was evaluated of a step that was not stored is evaluated again.
-    number = lengths[0] - 1
-    (begin,) = store.read(0, range(number, number + 1))
-    solver.restore(np.sum([begin.counts, *counts], axis=0).tolist())
+    solver.restore(store.spent())
     return chains
-
-
-def _draw_starts(
-    evaluator: Evaluation,
-    nwalkers: int,
-    ensembles: int,
-    seed: int,
-    points: Floats | None,
-) -> list[emcee.State]:
-    """Return the evaluated start of each ensemble, with its own random stream.
-
-    Starts from the prior that are impossible, or failed, are drawn again.
-    """
-    posterior, states = evaluator.posterior, []
-    for ensemble, stream in enumerate(np.random.SeedSequence(seed).spawn(ensembles)):
-        if points is None:
-            theta = posterior.start(nwalkers, stream.spawn(1)[0])
-        else:
-            theta = points[ensemble].copy()
-        rows = evaluator.rows(theta)
-        if points is None and not ensemble:
-            for doubt in doubt_reach(posterior, rows):
-                warnings.warn(doubt, stacklevel=3)
-        for _ in range(MOST_START_DRAWS if points is None else 0):
-            again = np.flatnonzero(~np.isfinite(rows[:, 0]))
-            if not len(again):
-                break
-            theta[again] = posterior.start(len(again), stream.spawn(1)[0])
-            rows[again] = evaluator.rows(theta[again])
-        finite = np.isfinite(rows[:, 0])
-        if not finite.all():
-            walker = int(np.argmin(finite))
-            values = dict(zip(posterior.names, theta[walker].tolist(), strict=True))
-            raise ValueError(
-                f"starts: the log-posterior of walker {walker} is {rows[walker, 0]} at "
-                f"{values}; every walker must start where it is finite (for a solve "
-                "that failed, on_failure='raise' tells why)"
-            )
-        random = np.random.RandomState(np.random.MT19937(stream)).get_state()
-        states.append(emcee.State(theta, rows[:, 0], rows[:, 1:], random))
-    return states
-
-
-def _check_starts(
-    starts: ArrayLike | None, posterior: LogPosterior, ensembles: int, nwalkers: int
-) -> Floats | None:
-    """Return starts ``(ensembles, nwalkers, ndim)``, all inside the bounds."""
-    if starts is None:
-        return None
-    # A copy in double precision: emcee would truncate steps from integer starts.
-    points = checks.real_array("starts", starts)
-    if points.ndim == 2 and ensembles == 1:
-        points = points[None]
-    expected = (ensembles, nwalkers, posterior.ndim)
-    if points.shape != expected:
-        raise ValueError(
-            f"starts: expected shape {expected} (ensembles, nwalkers, ndim), got "
-            f"{points.shape}"
-        )
-    posterior.check_inside("starts", points.reshape(-1, posterior.ndim))
-    return points
-
-
-def _check_backends(backend: object, ensembles: int) -> list[Backend | None]:
-    """Return one empty emcee backend per ensemble, or None for each."""
-    if backend is None:
-        return [None] * ensembles
-    backends: list[Any] = list(backend) if isinstance(backend, Sequence) else [backend]
-    if len(backends) != ensembles:
-        raise ValueError(
-            f"backend: expected one for each of {ensembles} ensembles, "
-            f"got {len(backends)}"
-        )
-    for chain in backends:
-        if not hasattr(chain, "initialized"):
-            raise TypeError(
-                "backend: expected None, the name of a file, or emcee backends, got "
-                f"{chain!r}"
-            )
-        if chain.initialized and chain.iteration:
-            raise ValueError(
-                f"backend: {chain!r} already holds {chain.iteration} steps of another "
-                "run; give a new file name, or call its reset()"
-            )
-    return backends

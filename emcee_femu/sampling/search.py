@@ -14,10 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from ..contracts import Floats
+from ..contracts import Floats, read_declared
 from ..evaluation.evaluator import Evaluation
+from ..models.paired import PairedModel
 from ..moves.mixture import GAUSSIAN, Mixture
-from ..posterior.priors import summarize_prior
+from ..posterior.log_posterior import LogPosterior
+from ..posterior.priors import prior_centre, summarize_prior
 from .climbing import Maximum, climb, distinct
 from .first_solve import doubt_reach
 from .proposals import Draws
@@ -257,3 +259,44 @@ class Search:
             replace(mixture, matrices=mixture.matrices * factor**2)
             for factor in factors[factors < ratio]
         ]
+
+
+def follow_modes(posterior: LogPosterior, theta: Floats) -> dict[str, Floats]:
+    """Return which modes the model has at points, in their order at the prior mean.
+
+    Modes are followed by the model's own shapes, where it has shapes and its modes are
+    compared in ascending order. If two of them change places, so do the frequencies
+    that they are compared with. It takes a solve at each point, and one at the prior
+    mean.
+
+    Args:
+        posterior: What was searched.
+        theta: Points ``(g, d)``.
+
+    Returns:
+        The numbers of the modes ``(g, p)``, 1 = the lowest, by experiment; 0 for a mode
+        that no longer has its shape. Empty where nothing is known.
+    """
+    centre = prior_centre(posterior.prior)
+    reference = dict(zip(posterior.names, centre.tolist(), strict=True))
+    followed = {}
+    for experiment in posterior.experiments:
+        offered = read_declared(experiment.model, "variables") or {}
+        read = [variables for term in experiment.terms if (variables := term.reads)]
+        sizes = [v["frequency"].size for v in read if "frequency" in v]
+        if "shapes" not in offered or "model_mode" in offered or not sizes:
+            continue
+        try:
+            at_mean = PairedModel(
+                experiment.model,
+                np.arange(
+                    1.0, max(sizes) + 1
+                ),  # any: it is by shapes that they are paired
+                reference=reference,
+                candidates=offered["frequency"].size,
+            )
+            found = at_mean(posterior.parameters(theta))
+        except Exception:  # of any kind: it is the user's model that raised
+            continue
+        followed[experiment.name] = np.where(found.unpaired, 0, found.model_mode)
+    return followed

@@ -1,10 +1,12 @@
 """run: seeds, starts, ensembles, moves, and the traps of plain emcee."""
 
+import io
 import sys
 
 import emcee
 import numpy as np
 import pytest
+from emcee.pbar import get_progress_bar
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from support.calibration import shorten_search
@@ -137,3 +139,19 @@ def test_a_terminal_shows_a_bar_and_a_file_a_line_at_each_tenth(
     if shown == "lines":
         counts = [line.split()[2].split("/")[0] for line in said.splitlines()]
         assert [int(count) for count in counts] == [*range(3, 31, 3)]
+
+
+def test_a_notebook_shows_its_bar(monkeypatch):
+    import emcee_femu.evaluation.samplers as module
+
+    pytest.importorskip("ipywidgets")
+    kernel, asked = type("OutStream", (io.StringIO,), {}), []
+    kernel.__module__ = "ipykernel.iostream"
+    monkeypatch.setattr(sys, "stderr", kernel())
+    monkeypatch.setattr(
+        module,
+        "get_progress_bar",
+        lambda kind, total, desc: asked.append(kind) or get_progress_bar(False, total),
+    )
+    run(steps=3, ensembles=1)
+    assert asked == ["notebook"]

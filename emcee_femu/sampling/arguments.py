@@ -1,10 +1,13 @@
-"""Moves with weights, as emcee takes them, and the walkers that they need."""
+"""What a run is given, checked before the first solve."""
 
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
+from emcee.backends import Backend
+from numpy.typing import ArrayLike
+
 from .. import checks
-from ..contracts import Move
+from ..contracts import Floats, Move
 from ..moves import DEMCMove, HamiltonianMove
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
@@ -57,3 +60,47 @@ def check_walkers(
         if isinstance(move, HamiltonianMove):
             move.leapfrog(posterior)  # refuses one without gradients
     return number
+
+
+def check_starts(
+    starts: ArrayLike | None, posterior: LogPosterior, ensembles: int, nwalkers: int
+) -> Floats | None:
+    """Return starts ``(ensembles, nwalkers, ndim)``, all inside the bounds."""
+    if starts is None:
+        return None
+    # A copy in double precision: emcee would truncate steps from integer starts.
+    points = checks.real_array("starts", starts)
+    if points.ndim == 2 and ensembles == 1:
+        points = points[None]
+    expected = (ensembles, nwalkers, posterior.ndim)
+    if points.shape != expected:
+        raise ValueError(
+            f"starts: expected shape {expected} (ensembles, nwalkers, ndim), got "
+            f"{points.shape}"
+        )
+    posterior.check_inside("starts", points.reshape(-1, posterior.ndim))
+    return points
+
+
+def check_backends(backend: object, ensembles: int) -> list[Backend | None]:
+    """Return one empty emcee backend per ensemble, or None for each."""
+    if backend is None:
+        return [None] * ensembles
+    backends: list[Any] = list(backend) if isinstance(backend, Sequence) else [backend]
+    if len(backends) != ensembles:
+        raise ValueError(
+            f"backend: expected one for each of {ensembles} ensembles, "
+            f"got {len(backends)}"
+        )
+    for chain in backends:
+        if not hasattr(chain, "initialized"):
+            raise TypeError(
+                "backend: expected None, the name of a file, or emcee backends, got "
+                f"{chain!r}"
+            )
+        if chain.initialized and chain.iteration:
+            raise ValueError(
+                f"backend: {chain!r} already holds {chain.iteration} steps of another "
+                "run; give a new file name, or call its reset()"
+            )
+    return backends

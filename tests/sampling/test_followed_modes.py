@@ -1,0 +1,84 @@
+"""Modes of the structure that change places between maxima, by the model's shapes."""
+
+import arviz as az
+import numpy as np
+import pytest
+
+import emcee_femu as ef
+
+SPRINGS = {"k1": (0, 1, 1_000.0), "k2": (0, 2, 1_600.0)}  # two masses, each on its own
+MODEL = ef.MassSpringModel([1.0, 1.0], SPRINGS, shapes=True)
+MEASURED = np.sqrt([1_000.0, 1_600.0]) / (2 * np.pi)
+PRIOR = ef.GaussianPrior(["k1", "k2"], [1_200, 1_400], [400, 400], [(200, 4_000)] * 2)
+
+
+def run_of(model, steps=150, prior=PRIOR, **options):
+    term = ef.FrequencyTerm(MEASURED, relative_sd=0.02)
+    posterior = ef.LogPosterior(model, term, prior)
+    return ef.run(posterior, nwalkers=16, steps=steps, seed=1, **options)
+
+
+def test_modes_that_change_places_are_named_at_the_maximum_where_they_do(tmp_path):
+    found = run_of(MODEL)
+    (numbers,) = found.search.followed.values()
+    assert sorted(numbers.tolist()) == [[1, 2], [2, 1]]
+    swapped = 1 + int(np.argmax(numbers[:, 0]))
+    x = found.search.mixture.means[found.search.mode_of == swapped - 1]
+    assert (x[:, 0] > x[:, 1]).all()  # against the order at the prior mean
+    diagnosis = ef.diagnose(found)
+    assert diagnosis.fit.status == "doubtful"
+    assert f"maximum {swapped} " in diagnosis.fit.sentence
+    assert f"maximum {3 - swapped} " not in diagnosis.fit.sentence
+    path = str(tmp_path / "run.nc")
+    ef.to_inference_data(found).to_netcdf(path)
+    assert ef.diagnose(az.from_netcdf(path)).fit == diagnosis.fit
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        ef.MassSpringModel([1.0, 1.0], SPRINGS),  # no shapes
+        ef.PairedModel(
+            MODEL, MEASURED, reference={"k1": 1_200.0, "k2": 1_400.0}, candidates=2
+        ),
+    ],
+)
+def test_nothing_is_said_without_shapes_or_of_paired_modes(model):
+    found = run_of(model)
+    assert not found.search.followed
+    assert ef.diagnose(found).fit.status == "fits"
+
+
+def test_following_is_counted_in_solves():
+    asked = []
+
+    class Counted:
+        names, bounds, variables = MODEL.names, MODEL.bounds, MODEL.variables
+
+        def __call__(self, parameters):
+            asked.append(len(parameters["k1"]))
+            return MODEL(parameters)
+
+    found = run_of(Counted())
+    assert found.search.followed and found.solves == sum(asked)
+
+
+def test_a_file_has_the_same_solves(tmp_path):
+    path = str(tmp_path / "run.chain")
+    run_of(MODEL, 10, backend=path)
+    again = run_of(MODEL, 20, backend=path, resume=True)
+    told = int(ef.to_inference_data(path).posterior.attrs["solves"])
+    assert again.solves == told == run_of(MODEL, 20).solves
+
+
+def test_mirrored_maxima_are_named_and_means_between_clouds():
+    mirrored = ef.GaussianPrior(
+        PRIOR.names, [1_300, 1_300], [400, 400], [(200, 4_000)] * 2
+    )
+    found = run_of(MODEL, prior=mirrored)
+    np.testing.assert_allclose(found.search.weights, 0.5, atol=0.05)
+    for run, equal in ((found, True), (run_of(MODEL), False)):
+        assert ("1 and 2" in ef.diagnose(run).search.sentence) == equal
+    assert "k1, k2" in ef.parameter_table(found).title
+    one = ef.GaussianPrior(["k1", "k2"], [1_000, 1_600], [50, 50], PRIOR.bounds)
+    assert "k1" not in ef.parameter_table(run_of(MODEL, prior=one)).title
