@@ -396,7 +396,7 @@ def plot_prior_posterior(
     ]
     keys = keys[: 3 if np.isfinite(marks).any() else 2]
     figure.legend(handles=keys, **BELOW | {"ncols": 3})
-    figure.supylabel("density, scaled to\na maximum of 1", fontsize=9, ha="center")
+    figure.supylabel("density, scaled to\na maximum of 1", fontsize=9, ma="center")
     return finish(figure, idata)
 
 

@@ -176,7 +176,9 @@ def learn_surface(
         stacked = evaluator.stack(theta, "deviations")
         return np.hstack([stacked[:, :2], stacked[:, width:]])
 
-    terms, points, values = comb(d + degree, degree), [], []
+    terms = comb(d + degree, degree)
+    points: list[Floats] = []
+    values: list[Floats] = []
     for _ in range(MOST_FIRST_DRAWS):
         drawn = mixture.draw(rng, SOLVES_PER_TERM * terms)
         drawn = drawn[np.isfinite(prior.logpdf(drawn))]

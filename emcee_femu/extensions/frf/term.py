@@ -210,7 +210,7 @@ def plot_frf(
     figure, panels = subplots(rows, 1, (8.0, 1.0 + 2.3 * rows), sharex=True)
     unit, label = reads[measured.kind].unit, "updated model, 95 %"
     for i, (axes, channel) in enumerate(zip(panels, measured.channels, strict=True)):
-        style: Style = {"color": "0.4", "ms": 5, "mew": 0, "label": "measured"}
+        style: Style = {"color": "0.55", "ms": 5, "mew": 0, "label": "measured"}
         axes.plot(measured.lines, np.abs(measured.values[i]), "o", **style)
         # Its edges show where it is narrower than a line, on the points.
         style = {"fc": (BLUE, 0.3), "ec": BLUE, "lw": 1.0, "label": label, "zorder": 3}
