@@ -60,8 +60,8 @@ def test_hamiltonian():
 
 @pytest.mark.slow
 def test_damage_alarms(capsys):
-    table = load("damage_alarms").main(8)
-    assert table.column("pairs") == [6, 2]
+    table = load("damage_alarms").main(4)
+    assert table.column("pairs") == [3, 1]
     assert min(table.column("95 %")) > 60 and "Alarms" in capsys.readouterr().out
 
 
@@ -93,10 +93,9 @@ def test_hard_posteriors(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["lobe at a bound, d=4", "crossed, d=6"])
-def test_hard_targets(name, capsys):
-    """The law of its page, but for arms and needles: it has their rates."""
-    (runs,) = HARD.main(seeds=3, targets=name, first=70).values()
+def test_hard_targets(capsys):
+    """The law of its page, of crossed lobes; of all targets it has the rates."""
+    (runs,) = HARD.main(seeds=3, targets="crossed, d=6", first=70).values()
     assert "called converged" in capsys.readouterr().out
     assert not any(run.wrong for run in runs if run.converged)
     assert sum(run.converged for run in runs) >= 2
@@ -121,14 +120,14 @@ def test_their_posteriors_are_the_published_ones(name, exact):
 
 
 @pytest.mark.slow
-def test_few_solves(capsys):
-    """The law of its page: solves by derivatives, and without, that suffice."""
-    found = FEW.main(seeds=1, first=7, problem=("beck_au",))
-    for (_, learned), (one,) in found.items():
-        assert one.good("beck_au")
-        assert one.solves == (12 if learned == "with derivatives" else 30)
-        assert one.efficiency > 0.9 and one.verdict == "certified"
-    assert capsys.readouterr().out.count("1 of 1") == 2
+def test_few_solves(monkeypatch, capsys):
+    """The law of its page: twelve solves with derivatives suffice."""
+    monkeypatch.setattr(FEW, "EVALUATIONS", 4_000)
+    options = {"problem": ("beck_au",), "learned": (FEW.KINDS[True],)}
+    ((one,),) = FEW.main(seeds=1, first=7, **options).values()
+    assert one.good("beck_au") and one.solves == 12
+    assert one.efficiency > 0.9 and one.verdict == "certified"
+    assert capsys.readouterr().out.count("1 of 1") == 1
 
 
 # --- clusters ---------------------------------------------------------------------
