@@ -123,7 +123,7 @@ def test_their_posteriors_are_the_published_ones(name, exact):
 def test_few_solves(monkeypatch, capsys):
     """The law of its page: twelve solves with derivatives suffice."""
     monkeypatch.setattr(FEW, "EVALUATIONS", 4_000)
-    options = {"problem": ("beck_au",), "learned": (FEW.KINDS[True],)}
+    options = {"problem": ("beck_au",), "learned": ("with derivatives",)}
     ((one,),) = FEW.main(seeds=1, first=7, **options).values()
     assert one.good("beck_au") and one.solves == 12
     assert one.efficiency > 0.9 and one.verdict == "certified"
