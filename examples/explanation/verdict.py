@@ -163,9 +163,10 @@ print(f"{points} points: a region of {3 / points:.1e} may be missed")
 # posterior, as {py:func}`~emcee_femu.predictive_table` does. Its status is "fits",
 # "doubtful" (all is inside, but a parameter is more than four prior standard deviations
 # from its prior mean, as with frequencies in rad/s; the response is the same at all
-# samples; or there was a warning before the run), "at a bound" (a parameter is pressed
-# against one), "does not fit", or "not checked" if data or posterior are unknown, as for
-# plain samplers. One of five values outside its 95 % interval is no cause for alarm. Two
+# samples; modes of the structure have changed places since the prior mean, by the
+# model's own shapes, while frequencies are compared in ascending order; or there was a
+# warning before the run), "at a bound" (a parameter is pressed against one), "does not
+# fit", or "not checked" if data or posterior are unknown, as for plain samplers. One of five values outside its 95 % interval is no cause for alarm. Two
 # are, and so is a single one at four standard deviations. An inferred error more than
 # two prior standard deviations above its prior mean counts as "does not fit" too. Here
 # are the same frequencies in rad/s, a mistake that chains cannot show:

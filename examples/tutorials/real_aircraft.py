@@ -96,7 +96,8 @@ ef.frequency_table(by_number)
 # A total error of less than one percent, and **wrong**: the torsional stiffness of the
 # fin goes to its bound, at half of what its dimensions say. Half as stiff, the fin
 # twists near 50 Hz instead of 70, and takes the place of mode 7, in which the wing turns
-# about the body. "At a bound" is what the diagnosis says of it.
+# about the body. The diagnosis names both: the bound, and the modes that have changed
+# places. It follows them by the model's own shapes, at one solve for each maximum.
 #
 # ## By shape, without measured shapes
 #
