@@ -37,8 +37,7 @@ TABLES = (
     "ndim INTEGER, counts TEXT, content BLOB, checksum INTEGER, "
     "UNIQUE (stream, number))",
 )
-# Transactions are begun here; another program that reads or writes is waited for, 60 s.
-OPTIONS: Any = dict(timeout=60.0, isolation_level=None, check_same_thread=False)
+WAITED = 60.0  # s for another program that reads or writes
 SLOW = 0.1  # s between records from which each of them survives a power loss too
 MOST_LOST = 256  # points of a batch that a kill may lose
 
@@ -186,8 +185,10 @@ class Store:
 
     def _connect(self, mode: str) -> sqlite3.Connection:
         uri = Path(self.path).as_uri() + f"?mode={mode}"
-        file: sqlite3.Connection = sqlite3.connect(uri, uri=True, **OPTIONS)
-        return file
+        # Transactions are begun by _writing, on whatever thread.
+        return sqlite3.connect(
+            uri, WAITED, isolation_level=None, check_same_thread=False, uri=True
+        )
 
     @contextmanager
     def _reading(self) -> Iterator[sqlite3.Connection]:
@@ -316,9 +317,9 @@ class StoredChain(emcee.backends.Backend):
         numbers = range(discard + thin, self.iteration + 1, thin)
         if not numbers:
             raise AttributeError(f"{self._store.path}: no step of this ensemble left")
-        part: dict[str, Any] = {"log_prob": 0, "blobs": slice(1, None)}
+        part = 0 if name == "log_prob" else slice(1, None)
         steps = [
-            record.theta if name == "chain" else record.values[:, part[name]]
+            record.theta if name == "chain" else record.values[:, part]
             for record in self._store.read(self._stream, numbers)
         ]
         return np.asarray(np.concatenate(steps) if flat else np.stack(steps))
