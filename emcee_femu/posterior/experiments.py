@@ -23,6 +23,7 @@ from ..contracts import (
     read_declared,
 )
 from ..likelihoods.term import Term, as_term, move_along
+from ..models.paired import PairedModel
 from .compatibility import check_terms, declare
 
 Terms: TypeAlias = LikelihoodTerm | Sequence[LikelihoodTerm]
@@ -60,6 +61,7 @@ class Experiment:
         terms: Likelihood terms, or one.
 
     Attributes:
+        paired: The model, if it pairs modes; else None.
         term_names: The labels of the terms.
         variables: The stored variables of the response, by their own names.
         shapes: Theirs, for one parameter set.
@@ -72,6 +74,7 @@ class Experiment:
         sequence = tuple(terms) if isinstance(terms, Sequence) else (terms,)
         check_terms(model, sequence)
         self.name, self.model = name, model
+        self.paired = model if isinstance(model, PairedModel) else None
         self.terms = tuple(map(as_term, sequence))
         names = [term.name or f"term{i}" for i, term in enumerate(self.terms)]
         self.term_names = checks.parameter_names("terms (their names)", names)
