@@ -172,7 +172,7 @@ class EmulationProblem:
                 "the model and its terms apart, or sample it with workers="
             )
         inputs = [i for i, name in enumerate(posterior.names) if name not in errors]
-        paired = model if isinstance(model, PairedModel) else None
+        paired = posterior.experiments[0].paired
         if paired is None:
             variables = _find_variables(posterior)
         else:  # the candidates, at the sensors
