@@ -164,9 +164,7 @@ class Report:
             for part in self._parts()
         )
 
-    def __repr__(self) -> str:
-        """Return the same text at a prompt."""
-        return str(self)
+    __repr__ = __str__  # at a prompt, too
 
     def _repr_html_(self) -> str:
         """Return the same as HTML for notebooks."""

@@ -8,12 +8,13 @@ it goes on, and each record has a checksum.
 """
 
 import errno
+import itertools
 import json
 import os
 import sqlite3
 import time
 import zlib
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -116,22 +117,21 @@ class Store:
 
     def lengths(self) -> dict[int, int]:
         """Return how many records each stream has."""
-        query = (
-            "SELECT stream, iif(count(*) = count(number), count(*), NULL) "
-            "FROM record GROUP BY stream"
-        )
-        with self._reading() as file:
-            lengths = dict(file.execute(query))
-            _refuse_null([*lengths, *lengths.values()])
-        return lengths
+        streams, lengths = np.unique(self._records()[:, 0], return_counts=True)
+        return dict(zip(streams.tolist(), lengths.tolist(), strict=True))
 
-    def spread(self, size: int) -> Iterator[tuple[Floats, Floats]]:
-        """Yield stored points with their values, spread evenly over all of them."""
+    def _records(self) -> NDArray[np.int_]:
+        """Return stream, number and points of each record, in their order."""
         query = "SELECT stream, number, points FROM record ORDER BY stream, number"
         with self._reading() as file:
             rows = file.execute(query).fetchall()
-            _refuse_null([number for row in rows for number in row])
-        records = np.array(rows, dtype=int).reshape(-1, 3)
+            if None in itertools.chain.from_iterable(rows):
+                raise sqlite3.DatabaseError("a number is missing")
+        return np.array(rows, dtype=int).reshape(-1, 3)
+
+    def spread(self, size: int) -> Iterator[tuple[Floats, Floats]]:
+        """Yield stored points with their values, spread evenly over all of them."""
+        records = self._records()
         ends, total = records[:, 2].cumsum(), int(records[:, 2].sum())
         for place in np.linspace(0, total - 1, min(size, total)).astype(int):
             at = int(np.searchsorted(ends, place, "right"))
@@ -249,11 +249,6 @@ class Store:
 
 def _insert(file: sqlite3.Connection, statement: str, *values: object) -> None:
     file.execute(statement, (*values, _checksum(values)))
-
-
-def _refuse_null(values: Collection[object]) -> None:
-    if None in values:
-        raise sqlite3.DatabaseError("a number is missing")
 
 
 def _checksum(values: Sequence[object]) -> int:

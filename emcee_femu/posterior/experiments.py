@@ -154,11 +154,11 @@ class Experiment:
         self, term: Term, name: str, parameters: Parameters, response: Response
     ) -> Floats:
         value = term(parameters, response)
+        label = f"terms ({self.full_name(name)!r})"
         if type(value) is not np.ndarray or value.dtype != np.float64:
-            value = checks.numeric_array(f"terms ({self.full_name(name)!r})", value)
+            value = checks.numeric_array(label, value)
         n = len(next(iter(parameters.values())))
-        if value.shape != (n,):  # one number would do for all rows, unseen
-            checks.shaped(f"terms ({self.full_name(name)!r})", value.shape, (n,))
+        checks.shaped(label, value.shape, (n,))  # one number would do for all, unseen
         return value
 
     def _average(
@@ -273,9 +273,8 @@ def check_joint(experiments: Tests) -> None:
 def name_sets(parameters: Parameters) -> dict[str, float] | list[object]:
     """Return parameter sets by name, and not all of many."""
     n = len(next(iter(parameters.values())))
-    digits = 17 if n == 1 else 6  # which of several was wrong is not known anyway
     sets = [
-        {name: float(f"{values[i]:.{digits}g}") for name, values in parameters.items()}
+        {name: values[i].item() for name, values in parameters.items()}
         for i in range(min(n, SHOWN_SETS))
     ]
     rest = [f"{n - SHOWN_SETS} more"] if n > SHOWN_SETS else []

@@ -387,13 +387,11 @@ def first_points(
     places = qmc.Sobol(len(mean), seed=rng).random_base2(power)[: number - 1]
     columns = zip(draws.T, places.T, strict=True)
     far = np.column_stack([np.quantile(*pair) for pair in columns])
-    if starts is None:
-        inwards = mean + DESIGN_SPREAD * (far - mean)
-        theta = coordinates.parameters(np.vstack([mean, inwards]))
-    else:
-        near = coordinates.coordinates(starts[None]) + NEAR_SPREAD * (far - mean)
-        theta = np.clip(coordinates.parameters(near), *prior.bounds.T)
-        theta = np.vstack([starts, theta])
+    centre, spread = mean, DESIGN_SPREAD
+    if starts is not None:
+        centre, spread = coordinates.coordinates(starts[None])[0], NEAR_SPREAD
+    points = coordinates.parameters(np.vstack([centre, centre + spread * (far - mean)]))
+    theta = np.clip(points, *prior.bounds.T)
     outside = ~(prior.logpdf(theta) > -np.inf)  # of a prior that is not independent
     theta[outside] = prior.sample(rng, int(outside.sum()))
     return theta
