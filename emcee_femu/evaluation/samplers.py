@@ -241,7 +241,8 @@ def describe_object(value: object) -> str:
         return repr(value).partition(" at 0x")[0]
     kinds = [kind for kind in type(value).__mro__ if "__init__" in vars(kind)]
     names = {name for kind in kinds[:-1] for name in signature(kind).parameters}
-    kept = [f"{n}={v!r}" for n, v in sorted(vars(value).items()) if n in names]
+    there = getattr(value, "__dict__", {})
+    kept = [f"{n}={v!r}" for n, v in sorted(there.items()) if n in names]
     return f"{type(value).__name__}({', '.join(kept)})"
 
 

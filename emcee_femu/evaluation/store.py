@@ -187,7 +187,11 @@ class Store:
         uri = Path(self.path).as_uri() + f"?mode={mode}"
         # Transactions are begun by _writing, on whatever thread.
         return sqlite3.connect(
-            uri, WAITED, isolation_level=None, check_same_thread=False, uri=True
+            uri,
+            uri=True,
+            timeout=WAITED,
+            isolation_level=None,
+            check_same_thread=False,
         )
 
     @contextmanager
