@@ -1,5 +1,6 @@
 """The chain of an emulated posterior, and what draws of it solved in full tell."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,9 +12,10 @@ from scipy.special import expit
 from ...contracts import Floats, Prior
 from ...results.arviz_objects import InferenceData, dataset, is_weighted
 from ...results.chains import read_chains
+from ...results.diagnose import diagnose
 from ...sampling.climbing import Maximum
 from ...sampling.coordinates import Coordinates
-from ...sampling.judge import size_by_means, sizes_by_means
+from ...sampling.judge import effective_sizes, mean_sizes, size_by_means
 from .certificate import FOUND, MISSED_SHARE
 
 GAPS = 1.5  # times the largest gap between draws: farther than any of them
@@ -70,11 +72,16 @@ class EmulatedChain:
         order = rng.permuted(np.tile(np.arange(m), (n, 1)), axis=1)
         draws = by_step[steps, order].reshape(-1, d)
         constant = dataset(idata, "constant_data").reindex(parameter=list(names))
-        # By means over walkers: in a ladder exchanges hand states from one to another.
-        both = chains.draws, (chains.draws - draws.mean(axis=0)) ** 2
-        known = [sizes_by_means(chains.draws)[0], *map(size_by_means, both)]
+        by_walker = by_step.swapaxes(0, 1)
+        bulk = effective_sizes(by_walker)[0]
+        mean_size: Callable[[Floats], Floats] = mean_sizes
+        if len(chains.betas) > 1:
+            # Exchanges hand states over, which walker by walker look independent.
+            bulk, mean_size = diagnose(idata).ess_bulk, size_by_means
+            by_walker = chains.draws
+        both = by_walker, (by_walker - draws.mean(axis=0)) ** 2
         # At least one; NaN is that of a chain too short.
-        sizes = np.fmax(np.nan_to_num(known, nan=1.0), 1.0)
+        sizes = np.fmax(np.nan_to_num([bulk, *map(mean_size, both)], nan=1.0), 1.0)
         return cls(
             names=names,
             draws=draws,
