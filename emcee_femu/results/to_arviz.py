@@ -19,12 +19,7 @@ from .. import checks
 from ..contracts import Floats, Places, Variable
 from ..posterior.compatibility import RESERVED
 from ..posterior.log_posterior import LogPosterior
-from ..posterior.priors import (
-    GaussianPrior,
-    IndependentPrior,
-    prior_centre,
-    summarize_prior,
-)
+from ..posterior.priors import KnownPrior, prior_centre, summarize_prior
 from ..sampling.record import Chains
 from .arviz_objects import Dataset, InferenceData, groups, is_arviz, samples, wrap
 from .chains import STORED, TOLD, read_chains
@@ -214,7 +209,7 @@ def convert(
     if posterior is not None:
         rows = _rows(chains, posterior)
         parts["sample_stats"]["log_prior"] = Labelled(rows[..., 1], ONE_NUMBER)
-        if isinstance(posterior.prior, GaussianPrior | IndependentPrior):
+        if isinstance(posterior.prior, KnownPrior):
             densities = posterior.prior.logpdfs(draws.reshape(-1, posterior.ndim))
             densities = densities.reshape(draws.shape)
             parts["log_prior"] = _by_parameter(chains.names, densities, {})
@@ -271,14 +266,14 @@ def _dataset(
 
     apart = name_apart({name: part.variable.coords for name, part in group.items()})
     variables = {}
-    places: dict[str, Any] = {k: v for dims in apart.values() for k, v in dims.items()}
+    places = {k: v for dims in apart.values() for k, v in dims.items()}
     for name, (values, variable) in group.items():
         dims = [*apart[name]]
         if coords is not None:
             n, _, _, *shape = values.shape
             values = np.moveaxis(values, 0, 2).reshape(-1, n, *shape)
             dims = ["chain", "draw", *dims]
-            places = {"chain": range(len(values)), "draw": range(n)} | places
+            places |= {"chain": range(len(values)), "draw": range(n)}
         variables[name] = dims, values, {"units": variable.unit}
     sampled = {} if coords is None else {"sample_dims": ["chain", "draw"]}
     return xarray.Dataset(
@@ -337,7 +332,7 @@ def _rows(chains: Chains, posterior: LogPosterior) -> Floats:
     return np.concatenate([chains.log_prob[..., None], blobs], axis=-1)
 
 
-def _attributes_of(chains: Chains) -> dict[str, Any]:
+def _attributes_of(chains: Chains) -> dict[str, object]:
     """Return facts about the chains as attributes that netCDF can store."""
     search = None if chains.search is None else chains.search.to_json()
     if search is not None and search["surface"] is not None:

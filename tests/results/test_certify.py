@@ -211,7 +211,7 @@ def test_a_chain_that_has_not_converged_is_refused_unless_it_is_but_short():
     for chain, walkers, reason in (
         (apart, 4, "walkers stay apart"),
         (lobe, 4, "sd unknown"),
-        (parts, 2, "several parts"),
+        (parts, 2, "walkers stay apart"),
     ):
         found = ef.certify(sampled(true, chain, walkers), true, seed=1)
         assert found.short == "refused" and reason in found.verdict
