@@ -6,7 +6,7 @@ from functools import partial
 from typing import Self, TypeAlias
 
 import numpy as np
-from scipy.sparse import csc_array, issparse
+from scipy.sparse import issparse
 
 from .. import checks
 from ..contracts import (
@@ -18,8 +18,8 @@ from ..contracts import (
     modal_variables,
     show_declared,
 )
-from .eigen_dense import Eigenproblem, find_blurred, join
-from .eigen_sparse import SparseEigenproblem
+from .eigen_dense import Eigenproblem, join
+from .eigen_sparse import DenseProblem, SparseEigenproblem
 from .inputs import Dofs, Matrix, Where, choose_dofs, describe, read_batch, read_matrix
 
 MATRIX_STEP = 1e-4  # of a parameter's value: matrices are then known to some 1e-8
@@ -170,22 +170,20 @@ class AssembledModel:
             for units, high, low in zip((K, M), ahead, behind, strict=True):
                 units.append((high - low) / (2 * step))
         label = f"the mass matrix at {where(0)}"
-        problem: SparseEigenproblem | Eigenproblem
-        diagonals = (A[0].diagonal()[None] for A in (K, M))
-        if issparse(K[0]) or (self._output is None and find_blurred(*diagonals)[0]):
-            K, M = ([csc_array(unit) for unit in units] for units in (K, M))
-            wanted = self.modes, self.skip, self.shape_dofs
-            problem = SparseEigenproblem(K, M, *wanted, label)
+        problem: SparseEigenproblem | DenseProblem | Eigenproblem
+        if self._output is None:
+            kind = SparseEigenproblem if issparse(K[0]) else DenseProblem
+            problem = kind(K, M, self.modes, self.skip, self.shape_dofs, label)
         else:
-            selected, output = self.skip + np.arange(self.n_modes), self._output
-            if output is None:
-                output = np.eye(len(K[0]))[list(self.shape_dofs)]
-            parts = np.array(K), np.array(M), selected, self.skip, output
-            problem = Eigenproblem(*parts, label)
+            parts, selected = (
+                (np.array(K), np.array(M)),
+                self.skip + np.arange(self.n_modes),
+            )
+            problem = Eigenproblem(*parts, selected, self.skip, self._output, label)
         still = np.zeros((1, len(by)))
         each = np.eye(len(by))[:, None]
         slopes = {name: (one, one) for name, one in zip(by, each, strict=True)}
-        return problem.jacobian(still, still, slopes, where)
+        return problem.solve(still, still, where, slopes)
 
 
 def _project(

@@ -14,8 +14,6 @@ from .. import checks
 from ..contracts import Floats, Parameters
 from .inputs import (
     Matrix,
-    check_positive,
-    columns,
     describe,
     read_batch,
     read_matrix,
@@ -70,8 +68,12 @@ class Coefficients:
                 or a function does not return n finite numbers.
         """
         values, n = read_batch(parameters, self.names)
-        if self.positive:
-            check_positive(columns(values, self.names, n), self.names, self.positive)
+        for name in self.names if self.positive else ():
+            if not (values[name] > 0).all():
+                raise ValueError(
+                    f"parameters: the {self.positive} {name!r} must be above zero, got "
+                    f"{values[name].min():g}; give its prior a lower bound"
+                )
         rows = [
             np.array([_evaluate(label, part[label], values, n) for label in part])
             for part in self.parts

@@ -84,31 +84,34 @@ class Eigenproblem:
                 ) from None
             self.K, self.output = inverse @ K @ inverse.T, output @ inverse.T
 
-    def solve(self, k: Floats, m: Floats, describe: Where) -> ModalSolution:
+    def solve(
+        self, k: Floats, m: Floats, describe: Where, slopes: Slopes | None = None
+    ) -> tuple[ModalSolution, Derivatives]:
         """Solve for coefficients ``k (n, n_k)`` and ``m (n, n_m)``.
 
-        ``describe(i)`` names parameter set i in an error message.
-        """
-        eigenvalues, shapes = self._decompose(k, m, describe, len(self.output) > 0)
-        return self._select(eigenvalues, shapes)
-
-    def jacobian(
-        self, k: Floats, m: Floats, slopes: Slopes, describe: Where
-    ) -> tuple[ModalSolution, Derivatives]:
-        """Return what :meth:`solve` does, and its derivatives, from one solve.
-
-        ``slopes`` say how ``k`` and ``m`` change with each parameter.
+        ``describe(i)`` names parameter set i in an error message. ``slopes`` say how
+        ``k`` and ``m`` change with each parameter, by which there are derivatives.
 
         Raises:
-            ValueError: As :meth:`solve` does, or if modes coincide that part as a
+            ValueError: If there are no such modes; or if modes coincide that part as a
                 parameter changes: which of them is the lower one changes there.
         """
-        eigenvalues, every = self._decompose(k, m, describe, True)
-        solution, selected = self._select(eigenvalues, every), self.selected
-        wanted, squares = every[:, :, selected], eigenvalues[:, None, selected]
+        shaped, selected = len(self.output) > 0, self.selected
+        eigenvalues, every = self._decompose(k, m, describe, shaped or bool(slopes))
+        wanted = every.take(selected, axis=2)
+        solution = ModalSolution(
+            np.sqrt(eigenvalues.take(selected, axis=1)) / (2 * np.pi),
+            self.output @ wanted if shaped else None,
+        )
+        derivatives: Derivatives = {"frequency": {}}
+        if shaped:
+            derivatives["shapes"] = {}
+        if not slopes:
+            return solution, derivatives
+        squares = eigenvalues[:, None, selected]
         together = self._find_clusters(eigenvalues, every, slopes, describe)
         # Without shapes nothing but the diagonal of H is needed: of other modes none.
-        shaped, count = len(self.output) > 0, np.arange(len(selected))
+        count = np.arange(len(selected))
         left, diagonal = (every, selected) if shaped else (wanted, count)
         in_K, in_M = (
             np.array([left.swapaxes(1, 2) @ (A @ wanted) for A in part[1:]]).reshape(
@@ -119,9 +122,6 @@ class Eigenproblem:
         gaps = squares - eigenvalues[:, :, None]
         inverse = np.where(together, 0.0, 1.0 / np.where(together, 1.0, gaps))
         scale = 8 * np.pi**2 * solution.frequencies
-        derivatives: Derivatives = {"frequency": {}}
-        if shaped:
-            derivatives["shapes"] = {}
         for name, (by_k, by_m) in slopes.items():
             T = _weigh(in_M, by_m)
             H = _weigh(in_K, by_k) - squares * T
@@ -131,19 +131,12 @@ class Eigenproblem:
                 derivatives["shapes"][name] = self.output @ (every @ turn)
         return solution, derivatives
 
-    def _select(self, eigenvalues: Floats, shapes: Floats) -> ModalSolution:
-        """Return the wanted modes of all."""
-        frequencies = np.sqrt(eigenvalues.take(self.selected, axis=1)) / (2 * np.pi)
-        if not len(self.output):
-            return ModalSolution(frequencies)
-        wanted = shapes.take(self.selected, axis=2)
-        return ModalSolution(frequencies, self.output @ wanted)
-
     def _decompose(
         self, k: Floats, m: Floats, describe: Where, vectors: bool
     ) -> tuple[Floats, Floats]:
         """Return eigenvalues, and shapes, none unless ``vectors``."""
-        A, basis = combine(self.K, k), self.K[:0]  # folded: the shapes are y
+        A = combine(self.K, k)
+        y = basis = self.K[:0]  # folded: the shapes are y
         if not self.folded:
             mass = combine(self.M, m)
             try:
@@ -155,7 +148,6 @@ class Eigenproblem:
                 ) from None
             basis = inverse.transpose(0, 2, 1)
             A = inverse @ A @ basis
-        y = np.empty(0)
         try:
             if vectors:
                 eigenvalues, y = np.linalg.eigh(A)
@@ -286,10 +278,10 @@ def _compare(rounding: float, eigenvalue: float) -> str:
 
 
 def at_row(slopes: Slopes, row: int) -> Slopes:
-    """Return the slopes of one parameter set, ``(n_k,)`` and ``(n_m,)``."""
+    """Return the slopes of one parameter set, ``(1, n_k)`` and ``(1, n_m)``."""
     return {
-        name: (by_k[row % len(by_k)], by_m[row % len(by_m)])
-        for name, (by_k, by_m) in slopes.items()
+        name: tuple(part[[row % len(part)]] for part in parts)
+        for name, parts in slopes.items()
     }
 
 

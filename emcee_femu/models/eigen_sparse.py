@@ -19,6 +19,7 @@ Source: Nelson, AIAA J. 14 (1976) 1201, doi:10.2514/3.7211.
 """
 
 from collections.abc import Sequence
+from functools import cached_property, partial
 from typing import TypeAlias
 
 import numpy as np
@@ -26,9 +27,19 @@ from scipy.linalg import qr
 from scipy.sparse import csc_array, diags_array
 
 from ..contracts import Derivatives, Floats, ModalSolution, RepeatedModes
-from .eigen_dense import EPS, REPEATED, Slopes, at_row, check_elastic, refuse_parting
+from .eigen_dense import (
+    EPS,
+    REPEATED,
+    Eigenproblem,
+    Slopes,
+    at_row,
+    check_elastic,
+    find_blurred,
+    join,
+    refuse_parting,
+)
 from .factorization import Factor, factor_definite, factor_indefinite
-from .inputs import Where
+from .inputs import Matrix, Where
 
 SEMIDEFINITE = 1e-9  # an eigenvalue of a mass, by its diagonal, that is as good as zero
 SHAPE_TOLERANCE = 1e-9  # of mode shapes; an eigenvalue errs by the square
@@ -104,36 +115,33 @@ class SparseEigenproblem:
 
     def __init__(
         self,
-        K: Sequence[csc_array],
-        M: Sequence[csc_array],
+        K: Sequence[Matrix],
+        M: Sequence[Matrix],
         modes: Sequence[int],
-        skip: int = 0,
-        dofs: Sequence[int] = (),
+        skip: int,
+        dofs: Sequence[int],
         label: str = "M0",
     ) -> None:
-        self.K, self.M, self.skip = tuple(K), tuple(M), skip
+        self.K, self.M = (tuple(map(csc_array, part)) for part in (K, M))
+        self.skip = skip
         self.modes = np.array(modes)
         self.dofs = np.array(dofs, dtype=np.intp)
-        self.stiffness, self.mass = SparseSum(K), SparseSum(M)
+        self.stiffness, self.mass = SparseSum(self.K), SparseSum(self.M)
         if len(M) == 1:
-            check_mass(M[0], label)
+            check_mass(self.M[0], label)
 
-    def solve(self, k: Floats, m: Floats, describe: Where) -> ModalSolution:
+    def solve(
+        self, k: Floats, m: Floats, describe: Where, slopes: Slopes | None = None
+    ) -> tuple[ModalSolution, Derivatives]:
         """Solve for coefficients ``k (n, n_k)`` and ``m (n, n_m)``, one by one.
 
-        ``describe(i)`` names parameter set i in an error message.
+        ``describe(i)`` names parameter set i in an error message. ``slopes`` say how
+        ``k`` and ``m`` change with each parameter. By these the derivatives of
+        frequencies cost next to nothing, those of shapes a factorisation for each mode.
+        Whether the last mode coincides with one above it is seen only where shapes are
+        wanted.
         """
-        return self.jacobian(k, m, {}, describe)[0]
-
-    def jacobian(
-        self, k: Floats, m: Floats, slopes: Slopes, describe: Where
-    ) -> tuple[ModalSolution, Derivatives]:
-        """Return what :meth:`solve` does, and its derivatives, from one solve.
-
-        Frequencies cost next to nothing, shapes a factorisation for each mode.
-        ``slopes`` say how ``k`` and ``m`` change with each parameter. Whether the last
-        mode coincides with one above it is seen only where shapes are wanted.
-        """
+        slopes = {} if slopes is None else slopes
         n, count, dofs = len(k), int(self.modes[-1]), self.dofs
         frequencies = np.empty((n, count))
         shapes = np.empty((n, len(dofs), count))
@@ -167,7 +175,7 @@ class SparseEigenproblem:
         """
         (eigenvalues, shapes), dofs = modes, self.dofs
         units = [*self.K[1:], *self.M[1:]]
-        weights = [np.array([*part]) for part in zip(*slopes.values(), strict=True)]
+        weights = [np.concatenate(part) for part in zip(*slopes.values(), strict=True)]
         size = np.abs(shapes)
         rounding = 10 * EPS * (size * (abs(K) @ size)).sum(axis=0)
         least = np.maximum(REPEATED * eigenvalues, rounding)
@@ -200,6 +208,53 @@ class SparseEigenproblem:
                 turn = x[:, dofs] - 0.5 * phi[dofs] @ (phi.T @ inertia)
                 turns[:, :, cluster] = turn
         return changes, turns
+
+
+class DenseProblem:
+    """A dense eigenproblem, and the sparse one where rounding spoils it.
+
+    Dense solvers round all eigenvalues to a fraction of the largest, which matters if,
+    say, a DOF is held by a stiffness of 1e36. Sparse factors round each row on its own
+    scale.
+
+    The arguments are those of :class:`SparseEigenproblem`, with dense matrices.
+    """
+
+    def __init__(
+        self,
+        K: Sequence[Matrix],
+        M: Sequence[Matrix],
+        modes: Sequence[int],
+        skip: int,
+        dofs: Sequence[int],
+        label: str = "M0",
+    ) -> None:
+        self._given = K, M, modes, skip, dofs, label
+        output = np.eye(K[0].shape[0])[list(dofs)]
+        parts, selected = (np.array(K), np.array(M)), skip + np.array(modes) - 1
+        self._dense = Eigenproblem(*parts, selected, skip, output, label)
+        self._diagonals = [A.diagonal(axis1=1, axis2=2) for A in parts]
+
+    @cached_property
+    def _sparse(self) -> SparseEigenproblem:
+        """The sparse problem, created when it is first needed."""
+        return SparseEigenproblem(*self._given)
+
+    def solve(
+        self, k: Floats, m: Floats, describe: Where, slopes: Slopes | None = None
+    ) -> tuple[ModalSolution, Derivatives]:
+        """Solve as the other two; rows spoilt by rounding one by one."""
+        in_K, in_M = self._diagonals
+        blurred = find_blurred(in_K[0] + k @ in_K[1:], in_M[0] + m @ in_M[1:])
+        if blurred.any() and len(k) > 1:  # other rows are unaffected
+            results = []
+            for i in range(len(k)):
+                one, at = slice(i, i + 1), partial(lambda row, _: describe(row), i)
+                here = slopes and at_row(slopes, i)
+                results.append(self.solve(k[one], m[one], at, here))
+            return join(results)
+        problem = self._sparse if blurred.any() else self._dense
+        return problem.solve(k, m, describe, slopes)
 
 
 def lowest_modes(K: csc_array, M: csc_array, count: int, skip: int, at: str) -> Pairs:

@@ -1,7 +1,7 @@
 """Lumped masses joined by springs."""
 
 from collections.abc import Mapping
-from functools import partial
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..contracts import Derivatives, Floats, ModalSolution, Parameters, show_declared
-from .inputs import Dofs, Weights, check_positive, describe
+from .inputs import Dofs
 from .matrix import MatrixModel
 
 Spring: TypeAlias = tuple[int, int, float | str]
@@ -82,6 +82,9 @@ class MassSpringModel:
         self._model = MatrixModel(
             np.zeros((n, n)), M0, K, M, n_modes=n - skip, skip=skip, shapes=shapes
         )
+        self._model.coefficients = replace(
+            self._model.coefficients, positive="stiffness or mass"
+        )
         self.shape_dofs, self.variables = self._model.shape_dofs, self._model.variables
         self.dofs = self._model.dofs
         self.names: tuple[str, ...] = ()  # every spring and mass has a default
@@ -91,7 +94,7 @@ class MassSpringModel:
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz; values are ``(n,)``, N/m or kg."""
-        return self._model.problem.solve(*self._coefficients(parameters))
+        return self._model(self._complete(parameters))
 
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
         """Return the response and its derivatives by all given values, from one solve.
@@ -103,25 +106,17 @@ class MassSpringModel:
             ValueError: As for a call, or if two modes coincide that separate as a
                 parameter changes; see ``MatrixModel.jacobian``.
         """
-        k, m, where = self._coefficients(parameters)
-        names = [*self._stiffnesses, *self._masses]
-        values = dict(zip(names, [*k.T, *m.T], strict=True))
-        slopes = self._model.coefficients.slopes(values)
+        values = self._complete(parameters)
+        problem, coefficients = self._model.problem, self._model.coefficients
+        slopes = coefficients.slopes(values)
         read = {name: slopes[name] for name in slopes if name in parameters}
-        return self._model.problem.jacobian(k, m, read, where)
+        return problem.solve(*coefficients(values), slopes=read)
 
-    def _coefficients(self, parameters: Parameters) -> Weights:
-        """Return the coefficients of K and M, and a function that names a set."""
+    def _complete(self, parameters: Parameters) -> Parameters:
+        """Return the values of all springs and masses, or their defaults."""
         values, n = checks.batch(parameters)
-        named, parts = dict[str, Floats](), []
-        for defaults, what in (self._stiffnesses, "stiffness"), (self._masses, "mass"):
-            part = np.empty((n, len(defaults)))
-            for column, (name, default) in enumerate(defaults.items()):
-                part[:, column] = values.get(name, default)
-            check_positive(part, [*defaults], what)
-            named |= dict(zip(defaults, part.T, strict=True))
-            parts.append(part)
-        return parts[0], parts[1], partial(describe, named, [*named])
+        defaults = self._stiffnesses | self._masses
+        return {k: values.get(k, np.full(n, x)) for k, x in defaults.items()}
 
 
 def _default_stiffnesses(springs: Springs) -> dict[str, float]:

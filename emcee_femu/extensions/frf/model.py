@@ -18,8 +18,7 @@ from ...contracts import (
     show_declared,
 )
 from ...models.inputs import derive_along
-from ...models.matrix import AffineModel
-from ...models.static import StaticModel
+from ...models.matrix import AffineModel, StaticModel
 from .measurements import FRF_KINDS, frf_variable, read_channels, read_kind, read_lines
 
 AT_ONCE = 2**20  # numbers of an array (walkers, modes, lines)

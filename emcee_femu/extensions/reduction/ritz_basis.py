@@ -11,9 +11,9 @@ from ...contracts import Derivatives, Floats, ModalSolution, Parameters
 from ...models.assembled import AssembledModel
 from ...models.coefficients import Coefficients
 from ...models.eigen_dense import Eigenproblem, combine
-from ...models.eigen_sparse import check_mass, lowest_modes
+from ...models.eigen_sparse import SparseEigenproblem, check_mass, lowest_modes
 from ...models.inputs import describe
-from ...models.matrix import AffineModel, sparse_problem
+from ...models.matrix import AffineModel
 
 GOOD_IN_A_ROW = 3  # full solves in a row that bring nothing new
 RESERVE = 0.2  # share of that for the basis before truncation
@@ -41,12 +41,12 @@ class ProjectedSum:
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Solve for all parameter sets at once."""
-        return self.problem.solve(*self.coefficients(parameters))
+        return self.problem.solve(*self.coefficients(parameters))[0]
 
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
         """Return the response and its derivatives."""
-        k, m, where = self.coefficients(parameters)
-        return self.problem.jacobian(k, m, self.coefficients.slopes(parameters), where)
+        slopes = self.coefficients.slopes(parameters)
+        return self.problem.solve(*self.coefficients(parameters), slopes=slopes)
 
 
 class RitzBasis:
@@ -67,7 +67,8 @@ class RitzBasis:
         self.model, self.bounds = model, bounds
         self.units: list[csc_array] = []  # of K and M
         if isinstance(model, AffineModel):
-            self.sums = sparse_problem(model)
+            K, M = model.parts
+            self.sums = SparseEigenproblem(K, M, model.modes, model.skip, model.rows)
             self.units = [*self.sums.K, *self.sums.M]
         self.inside = [np.empty((0, 0)) for _ in self.units]  # of these, in the basis
         self.points: list[Floats] = []
