@@ -47,7 +47,8 @@ restore    move          ``restore(state)``: continue from the result of ``state
 ``{name: (n, ...)}``.
 """
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
@@ -75,6 +76,16 @@ def add_place(error: BaseException, place: object, names: Sequence[str]) -> None
     others = [name for name in wrong if isinstance(name, str) and name not in names]
     if others or any(name in range(len(names)) for name in wrong):  # as p[0] asks for
         error.add_note(f"the parameters are {', '.join(names)}, read by these names")
+
+
+@contextmanager
+def placed(place: object, names: Sequence[str]) -> Iterator[None]:
+    """Note on an error inside where a model raised it: see :func:`add_place`."""
+    try:
+        yield
+    except (Exception, SystemExit) as error:
+        add_place(error, place, names)
+        raise
 
 
 @dataclass(frozen=True)
@@ -133,29 +144,33 @@ class Variable:
         return int(np.prod(self.shape, dtype=int))
 
 
+def find(response: Response, name: str) -> Floats | None:
+    """Return a variable of a response, which is an object or a mapping, or None."""
+    is_mapping = isinstance(response, Mapping)
+    return response.get(name) if is_mapping else getattr(response, name, None)
+
+
 def read(response: Response, name: str) -> Floats:
     """Return a variable of a response, which is an object or a mapping.
 
     Raises:
         TypeError: If the response has no such variable; the message lists the others.
     """
-    if isinstance(response, Mapping):
-        value, has = response.get(name), list(response)
-    elif isinstance(response, list | np.ndarray):
+    if isinstance(response, list | np.ndarray):
         raise TypeError(
             f"model: expected ModalSolution or {{name: array}} of many parameter sets, "
             f"got {type(response).__name__}; {WRAP}"
         )
+    if (value := find(response, name)) is not None:
+        return value
+    has = []
+    if isinstance(response, Mapping):
+        has = list(response)
     else:
-        value = getattr(response, name, None)
-        has = []
-    if value is None:
         given = {k: getattr(response, k) for k in dir(response) if k[0] != "_"}
-        has = has or [k for k, v in given.items() if isinstance(v, np.ndarray)]
-        kind = type(response).__name__
-        raise TypeError(f"model: its {kind} has no {name!r}; there are {has}")
-    values: Floats = value
-    return values
+        has = [k for k, v in given.items() if isinstance(v, np.ndarray)]
+    kind = type(response).__name__
+    raise TypeError(f"model: its {kind} has no {name!r}; there are {has}")
 
 
 class Linearization(NamedTuple):
@@ -406,6 +421,8 @@ def gather_tangents(
         )
     tangents = {}
     for variable, by_name in derivatives.items():
+        if find(response, variable) is None:
+            raise ValueError(f"{label}: no variable {variable!r} in the response")
         shape = np.shape(read(response, variable))
         tangents[variable] = tangent = np.zeros((*shape, len(names)))
         unknown = [name for name in by_name if name not in names]

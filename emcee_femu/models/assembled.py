@@ -14,8 +14,8 @@ from ..contracts import (
     Floats,
     ModalSolution,
     Parameters,
-    add_place,
     modal_variables,
+    placed,
     show_declared,
 )
 from .eigen_dense import Eigenproblem, join
@@ -78,8 +78,7 @@ class AssembledModel:
         skip: int = 0,
         shapes: bool | Dofs = False,
     ) -> None:
-        if not callable(assemble):
-            raise TypeError(f"assemble: expected a callable, got {assemble!r}")
+        checks.function("assemble", assemble)
         self.assemble, self.names = assemble, checks.parameter_names("names", names)
         self.n_modes = checks.whole_number("n_modes", n_modes, 1)
         self.modes = tuple(range(1, self.n_modes + 1))
@@ -152,11 +151,8 @@ class AssembledModel:
         for i in range(n):
             row = {name: float(values[name][i]) for name in self.names}
             where = partial(describe, {k: np.array([v]) for k, v in row.items()}, row)
-            try:
+            with placed(row, self.names):
                 results.append(self._solve_one(row, by, where))
-            except (Exception, SystemExit) as error:
-                add_place(error, row, self.names)
-                raise
         return join(results)
 
     def _solve_one(
@@ -183,7 +179,7 @@ class AssembledModel:
         still = np.zeros((1, len(by)))
         each = np.eye(len(by))[:, None]
         slopes = {name: (one, one) for name, one in zip(by, each, strict=True)}
-        return problem.solve(still, still, where, slopes)
+        return problem.solve([still, still], where, slopes)
 
 
 def _project(

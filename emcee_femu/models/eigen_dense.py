@@ -19,13 +19,14 @@ Source: Fox and Kapoor, AIAA J. 6 (1968) 2426, doi:10.2514/3.5008.
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..contracts import Derivatives, Floats, ModalSolution, RepeatedModes
-from .inputs import Matrix, Where
+from .inputs import Matrix, Weights, Where
 
 EPS = float(np.finfo(float).eps)
 RIGID_RATIO = 1e-4  # a rigid-body eigenvalue is below this share of the next one
@@ -58,6 +59,10 @@ class Eigenproblem:
             without rows for frequencies alone.
         label: What M0 is called in a message.
 
+    Attributes:
+        stiffness: K as a function of its coefficients ``(n_k,)``.
+        mass: M as a function of its coefficients ``(n_m,)``.
+
     Raises:
         ValueError: If the mass is constant and not positive definite.
     """
@@ -73,6 +78,7 @@ class Eigenproblem:
     ) -> None:
         self.selected, self.skip, self.folded = selected, skip, len(M) == 1
         self.K, self.M, self.output = K, M, output
+        self.stiffness, self.mass = partial(combine_one, K), partial(combine_one, M)
         if self.folded:  # from here on y stands for the shapes
             try:
                 inverse = np.linalg.inv(np.linalg.cholesky(M[0]))
@@ -85,7 +91,7 @@ class Eigenproblem:
             self.K, self.output = inverse @ K @ inverse.T, output @ inverse.T
 
     def solve(
-        self, k: Floats, m: Floats, describe: Where, slopes: Slopes | None = None
+        self, weights: Weights, describe: Where, slopes: Slopes | None = None
     ) -> tuple[ModalSolution, Derivatives]:
         """Solve for coefficients ``k (n, n_k)`` and ``m (n, n_m)``.
 
@@ -96,7 +102,8 @@ class Eigenproblem:
             ValueError: If there are no such modes; or if modes coincide that part as a
                 parameter changes: which of them is the lower one changes there.
         """
-        shaped, selected = len(self.output) > 0, self.selected
+        (k, m), selected = weights, self.selected
+        shaped = len(self.output) > 0
         eigenvalues, every = self._decompose(k, m, describe, shaped or bool(slopes))
         wanted = every.take(selected, axis=2)
         solution = ModalSolution(
@@ -199,6 +206,11 @@ def combine(terms: Floats, coefficients: Floats) -> Floats:
     total: Floats = np.einsum("np,pij->nij", coefficients, terms[1:])
     total += terms[0]
     return total
+
+
+def combine_one(terms: Floats, coefficients: Floats) -> Floats:
+    """Return the sum for the coefficients ``(n_units,)`` of one parameter set."""
+    return np.asarray(combine(terms, coefficients[None])[0])
 
 
 def join(

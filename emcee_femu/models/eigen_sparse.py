@@ -39,7 +39,7 @@ from .eigen_dense import (
     refuse_parting,
 )
 from .factorization import Factor, factor_definite, factor_indefinite
-from .inputs import Matrix, Where
+from .inputs import Matrix, Weights, Where
 
 SEMIDEFINITE = 1e-9  # an eigenvalue of a mass, by its diagonal, that is as good as zero
 SHAPE_TOLERANCE = 1e-9  # of mode shapes; an eigenvalue errs by the square
@@ -131,7 +131,7 @@ class SparseEigenproblem:
             check_mass(self.M[0], label)
 
     def solve(
-        self, k: Floats, m: Floats, describe: Where, slopes: Slopes | None = None
+        self, weights: Weights, describe: Where, slopes: Slopes | None = None
     ) -> tuple[ModalSolution, Derivatives]:
         """Solve for coefficients ``k (n, n_k)`` and ``m (n, n_m)``, one by one.
 
@@ -141,7 +141,7 @@ class SparseEigenproblem:
         Whether the last mode coincides with one above it is seen only where shapes are
         wanted.
         """
-        slopes = {} if slopes is None else slopes
+        (k, m), slopes = weights, {} if slopes is None else slopes
         n, count, dofs = len(k), int(self.modes[-1]), self.dofs
         frequencies = np.empty((n, count))
         shapes = np.empty((n, len(dofs), count))
@@ -233,6 +233,7 @@ class DenseProblem:
         output = np.eye(K[0].shape[0])[list(dofs)]
         parts, selected = (np.array(K), np.array(M)), skip + np.array(modes) - 1
         self._dense = Eigenproblem(*parts, selected, skip, output, label)
+        self.stiffness, self.mass = self._dense.stiffness, self._dense.mass
         self._diagonals = [A.diagonal(axis1=1, axis2=2) for A in parts]
 
     @cached_property
@@ -241,20 +242,20 @@ class DenseProblem:
         return SparseEigenproblem(*self._given)
 
     def solve(
-        self, k: Floats, m: Floats, describe: Where, slopes: Slopes | None = None
+        self, weights: Weights, describe: Where, slopes: Slopes | None = None
     ) -> tuple[ModalSolution, Derivatives]:
         """Solve as the other two; rows spoilt by rounding one by one."""
-        in_K, in_M = self._diagonals
+        (k, m), (in_K, in_M) = weights, self._diagonals
         blurred = find_blurred(in_K[0] + k @ in_K[1:], in_M[0] + m @ in_M[1:])
         if blurred.any() and len(k) > 1:  # other rows are unaffected
             results = []
             for i in range(len(k)):
                 one, at = slice(i, i + 1), partial(lambda row, _: describe(row), i)
                 here = slopes and at_row(slopes, i)
-                results.append(self.solve(k[one], m[one], at, here))
+                results.append(self.solve([k[one], m[one]], at, here))
             return join(results)
         problem = self._sparse if blurred.any() else self._dense
-        return problem.solve(k, m, describe, slopes)
+        return problem.solve(weights, describe, slopes)
 
 
 def lowest_modes(K: csc_array, M: csc_array, count: int, skip: int, at: str) -> Pairs:

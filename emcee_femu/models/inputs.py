@@ -14,6 +14,7 @@ from ..measurements.modes import along_axis
 
 Matrix: TypeAlias = Floats | csc_array
 Where: TypeAlias = Callable[[int], str]  # names a parameter set i in a message
+Weights: TypeAlias = Sequence[Floats]  # of K and of M, (n, n_k) and (n, n_m)
 Dofs: TypeAlias = Sequence[Hashable] | Mapping[Hashable, Hashable] | NDArray[np.intp]
 
 

@@ -59,24 +59,23 @@ class MassSpringModel:
         skip: int = 0,
         shapes: bool | Dofs = False,
     ) -> None:
-        named = isinstance(masses, Mapping)
-        numbers = [*masses.values()] if isinstance(masses, Mapping) else masses
-        self.masses = checks.positive_array("masses", numbers, 1)
+        named: dict[str, float] = {}
+        if isinstance(masses, Mapping):
+            named, masses = dict(masses), [*masses.values()]
+        self.masses = checks.positive_array("masses", masses, 1)
         n = len(self.masses)
         skip = checks.whole_number("skip", skip)
         if n <= skip:
             raise ValueError(f"masses: expected more than skip={skip}, got {n}")
-        checks.mapping("springs", springs, "{name: (node, node, stiffness)}")
-        checks.parameter_names("springs", list(springs))
-        self.springs, self._stiffnesses = dict(springs), _default_stiffnesses(springs)
-        self._masses: dict[str, float] = {}
-        if isinstance(masses, Mapping):
-            checks.parameter_names("masses", [*masses, *springs])
-            self._masses = dict(zip(masses, self.masses.tolist(), strict=True))
+        self.springs = checks.by_label("springs", springs, "(node, node, stiffness)")
+        if named:
+            checks.parameter_names("masses", [*named, *springs])
+        self._masses = dict(zip(named, self.masses.tolist(), strict=False))
+        self._stiffnesses, leaders = _read_stiffnesses(self.springs)
         K = {name: np.zeros((n, n)) for name in self._stiffnesses}
-        for name, (first, second, stiffness) in springs.items():
+        for name, (first, second, _) in springs.items():
             b = _incidence(name, first, second, n)
-            K[stiffness if isinstance(stiffness, str) else name] += np.outer(b, b)
+            K[leaders.get(name, name)] += np.outer(b, b)
         M = {name: np.diag(np.eye(n)[i]) for i, name in enumerate(self._masses)}
         M0 = np.diag(np.zeros(n) if named else self.masses)
         self._model = MatrixModel(
@@ -110,7 +109,7 @@ class MassSpringModel:
         problem, coefficients = self._model.problem, self._model.coefficients
         slopes = coefficients.slopes(values)
         read = {name: slopes[name] for name in slopes if name in parameters}
-        return problem.solve(*coefficients(values), slopes=read)
+        return problem.solve(*coefficients(values), read)
 
     def _complete(self, parameters: Parameters) -> Parameters:
         """Return the values of all springs and masses, or their defaults."""
@@ -119,21 +118,23 @@ class MassSpringModel:
         return {k: values.get(k, np.full(n, x)) for k, x in defaults.items()}
 
 
-def _default_stiffnesses(springs: Springs) -> dict[str, float]:
-    """Return the default stiffness of each spring that follows no other."""
-    defaults = {}
+def _read_stiffnesses(springs: Springs) -> tuple[dict[str, float], dict[str, str]]:
+    """Return default stiffnesses, and the leaders of the springs that follow one."""
+    defaults, leaders = dict[str, float](), dict[str, str]()
     for name, spring in springs.items():
-        label, form = f"springs[{name!r}]", "(node, node, stiffness)"
-        *_, stiffness = checks.group(label, spring, form, 3)
-        if not isinstance(stiffness, str):
+        label = f"springs[{name!r}]"
+        *_, stiffness = checks.group(label, spring, "(node, node, stiffness)", 3)
+        if isinstance(stiffness, str):
+            leaders[name] = stiffness
+        else:
             defaults[name] = checks.positive_array(label, stiffness, 0).item()
-    for name, (_, _, leader) in springs.items():
-        if isinstance(leader, str) and leader not in defaults:
+    for name, leader in leaders.items():
+        if leader not in defaults:
             raise ValueError(
                 f"springs[{name!r}]: expected a spring with a stiffness of its own to "
                 f"follow, got {leader!r}; there are {sorted(defaults)}"
             )
-    return defaults
+    return defaults, leaders
 
 
 def _incidence(name: str, first: int, second: int, n: int) -> Floats:

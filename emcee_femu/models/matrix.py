@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from copy import copy
 from functools import partial
 from typing import Self
 
@@ -21,7 +22,7 @@ from ..contracts import (
     show_declared,
 )
 from .coefficients import Coefficients, Unit, read_units
-from .eigen_dense import combine
+from .eigen_dense import Eigenproblem, combine
 from .eigen_sparse import DenseProblem, SparseEigenproblem, SparseSum
 from .exports import Export, Matrices, fit_polynomials
 from .factorization import factor_definite
@@ -45,6 +46,7 @@ class AffineModel:
 
     Attributes:
         rows: Where the DOFs of the shapes are in the matrices.
+        parts: The matrices of K and those of M, the constant ones first.
     """
 
     def __init__(
@@ -80,6 +82,8 @@ class AffineModel:
         self.rows = tuple(chosen.values())
         self.shape_dofs = tuple(self.dofs[row] for row in self.rows)
         self.variables = modal_variables(self.n_modes, tuple(chosen))
+        self.parts = [self.K0, *self.K.values()], [self.M0, *self.M.values()]
+        self.problem: SparseEigenproblem | DenseProblem | Eigenproblem
         kind = SparseEigenproblem if sparse else DenseProblem
         self.problem = kind(*self.parts, self.modes, self.skip, self.rows)
 
@@ -88,11 +92,6 @@ class AffineModel:
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""
         return self.problem.solve(*self.coefficients(parameters))[0]
-
-    @property
-    def parts(self) -> tuple[list[Matrix], list[Matrix]]:
-        """The matrices of K and those of M, the constant ones first."""
-        return [self.K0, *self.K.values()], [self.M0, *self.M.values()]
 
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
         """Return the response and its derivatives by all parameters, from one solve.
@@ -105,7 +104,19 @@ class AffineModel:
                 changes: they have no derivatives there.
         """
         slopes = self.coefficients.slopes(parameters)
-        return self.problem.solve(*self.coefficients(parameters), slopes=slopes)
+        return self.problem.solve(*self.coefficients(parameters), slopes)
+
+    def matrices(self, values: Mapping[str, float]) -> tuple[Matrix, Matrix]:
+        """Return K and M of one parameter set."""
+        one = {name: np.array([value]) for name, value in values.items()}
+        (k, m), _ = self.coefficients(one)
+        return self.problem.stiffness(k[0]), self.problem.mass(m[0])
+
+    def project(self, K: Floats, M: Floats, output: Floats) -> Self:
+        """Return the model in a basis, from its projected parts and shapes."""
+        small, selected = copy(self), self.skip + np.array(self.modes) - 1
+        small.problem = Eigenproblem(K, M, selected, self.skip, output)
+        return small
 
 
 class MatrixModel(AffineModel):
@@ -324,7 +335,7 @@ class StaticModel:
         self, parameters: Parameters, units: Mapping[str, Matrix]
     ) -> tuple[dict[str, Floats], list[Floats]]:
         """Return displacements and their derivatives by each coefficient."""
-        k, where = self.coefficients(parameters)
+        (k,), where = self.coefficients(parameters)
         if isinstance(self._sum, SparseSum):
             rows = []
             for i in range(len(k)):
@@ -371,10 +382,7 @@ def _read_force(case: str, value: ArrayLike | Mapping[int, float], size: int) ->
         for place, number in zip(places, value.values(), strict=True):
             force[place] = checks.real_number(label, number)
     else:
-        force = checks.real_array(label, value, 1)
-    if force.shape != (size,) or not force.any():
-        raise ValueError(
-            f"{label}: expected forces ({size},) on the DOFs of K0, not all zero, or "
-            f"{{dof: force}}, got shape {force.shape}, {np.count_nonzero(force)} not 0"
-        )
+        force = checks.shaped_array(label, value, (size,))
+    if not force.any():
+        raise ValueError(f"{label}: expected forces that are not all zero")
     return force

@@ -121,8 +121,7 @@ class PairedModel:
         min_mac: float = 0.5,
         min_gap: float = 0.02,
     ) -> None:
-        if not callable(model):
-            raise TypeError(f"model: expected a callable, got {type(model).__name__}")
+        checks.function("model", model)
         if reference is not None:
             measurements = _solve_reference(model, measurements, reference)
         test = checks.instance("measurements", measurements, Measurements)
@@ -161,12 +160,12 @@ class PairedModel:
 
         Frequencies, shapes and MAC have derivatives; mode numbers change in steps.
         """
-        return self._pass_on(read_declared(self.model, "jacobian"))
+        return self._pass_on("jacobian")
 
     @property
     def spread(self) -> Differentiate | None:
         """As ``jacobian``, for the directions in which an emulator is uncertain."""
-        return self._pass_on(read_declared(self.model, "spread"))
+        return self._pass_on("spread")
 
     __repr__ = show_declared
 
@@ -179,10 +178,9 @@ class PairedModel:
         modes = self.read_candidates(response)
         return self._solution(*_pair_modes(self._shapes, *modes, self.min_gap))
 
-    def _pass_on(self, differentiate: Differentiate | None) -> Differentiate | None:
-        if differentiate is None:
-            return None
-        return partial(self._differentiate, differentiate)  # goes to other processes
+    def _pass_on(self, attribute: str) -> Differentiate | None:
+        function = read_declared(self.model, attribute)  # goes to other processes
+        return function and partial(self._differentiate, function)
 
     def _differentiate(
         self, differentiate: Differentiate, parameters: Parameters
@@ -194,10 +192,8 @@ class PairedModel:
         names = [*dict.fromkeys(name for by in derivatives.values() for name in by)]
         needed = "frequency", "shapes"
         gathered = gather_tangents("jacobian", response, derivatives, names, needed)
-        tangents = (
-            np.moveaxis(gathered["frequency"], -1, 0)[..., : self.candidates],
-            self._at_sensors(np.moveaxis(gathered["shapes"], -1, 0)),
-        )
+        by_f, by_shape = (np.moveaxis(gathered[name], -1, 0) for name in needed)
+        tangents = by_f[..., : self.candidates], self._at_sensors(by_shape)
 
         def pair_again(f: Floats, shapes: Floats) -> dict[str, Floats]:
             return _pair_modes(self._shapes, f, shapes, self.min_gap, chosen)[1]

@@ -80,8 +80,7 @@ class DelayedAcceptanceMove(ProposingMove, Report):
     def __init__(
         self, inner: Move, cheap: Callable[[Floats], ArrayLike], steps: Steps = 1
     ) -> None:
-        if not callable(cheap):
-            raise TypeError(f"cheap: expected a callable, got {cheap!r}")
+        checks.function("cheap", cheap)
         self.inner, self.cheap = only_propose(inner), cheap
         ends = steps if isinstance(steps, tuple | list | np.ndarray) else (steps, steps)
         lengths = [checks.whole_number("steps", end, 1) for end in ends]

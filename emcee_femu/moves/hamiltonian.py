@@ -146,11 +146,8 @@ class HamiltonianMove(Move):
 
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse a dimension that differs from the metric's."""
-        if self._factor is not None and len(self._factor) != ndim:
-            raise ValueError(
-                f"metric: expected that of {ndim} parameters, got one of "
-                f"{len(self._factor)}"
-            )
+        if self._factor is not None:
+            checks.shaped("metric", self._factor.shape, (ndim, ndim))
 
     def propose(self, model: Model, state: State) -> tuple[State, NDArray[np.bool_]]:
         """Move every walker once; return the state and who was accepted."""

@@ -43,9 +43,9 @@ class ProposingMove(Move):
 
     def __repr__(self) -> str:
         """Return the call that makes an equal move."""
-        names = signature(type(self)).parameters
-        values = {name: getattr(self, name) for name in names if hasattr(self, name)}
-        call = ", ".join(f"{name}={_as_code(value)}" for name, value in values.items())
+        names, values = signature(type(self)).parameters, vars(self)
+        shown = (f"{name}={_as_code(values[name])}" for name in names if name in values)
+        call = ", ".join(shown)
         return f"{type(self).__name__}({call})"
 
     def check(self, nwalkers: int, ndim: int) -> None:

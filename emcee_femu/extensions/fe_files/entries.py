@@ -57,6 +57,19 @@ def read_number(text: str) -> float:
     return float(BARE_EXPONENT.sub(r"E\1", text.strip().upper().replace("D", "E")))
 
 
+def read_cells(line: str, width: int) -> list[float]:
+    """Return the numbers of a line, in cells of the width or between blanks.
+
+    ``scipy.io.hb_write`` writes its values in 24 columns and says that they have 25.
+    """
+    line = line.rstrip()
+    try:
+        cells = [line[i : i + width] for i in range(0, len(line), width)]
+        return [read_number(cell) for cell in cells]
+    except ValueError:
+        return [read_number(cell) for cell in line.split()]
+
+
 def build_matrix(
     label: Path | str,
     rows: NDArray[np.int64],
