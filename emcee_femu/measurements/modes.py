@@ -236,9 +236,14 @@ def _read_tests(value: ArrayLike) -> Floats:
     """Return frequencies ``(n_tests, n_modes)``, NaN where a test missed a mode."""
     try:
         tests = checks.numeric_array("frequencies", value)
-    except ValueError as error:  # of another length each
-        error.add_note("write nan where a test missed a mode")
-        raise
+    except ValueError as error:
+        counts = [np.size(row) for row in np.asarray(value, dtype=object)]
+        if len({*counts}) < 2:
+            raise
+        raise ValueError(
+            f"frequencies: expected the same modes in each test, got {counts} "
+            "frequencies; write nan where a test missed a mode"
+        ) from error
     if tests.ndim != 2 or len(tests) < 2 or not tests.size:
         raise ValueError(
             f"frequencies: expected (n_tests >= 2, n_modes), got {tests.shape}"

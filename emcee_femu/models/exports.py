@@ -325,10 +325,11 @@ def find_rows(labels: Sequence[str], names: Sequence[str]) -> NDArray[np.intp]:
             nodes = [x.rpartition(":")[0] for x in places]
             node = label.rpartition(":")[0]
             there = [x for x, y in zip(places, nodes, strict=True) if y == node]
+            found = f"node {node} has {there}" if there else f"no node {node}"
             raise ValueError(
-                f"names: no DOF {name!r}: node {node} has {there}, out of "
-                f"{len({*nodes})} nodes, {nodes[0]} to {nodes[-1]}; others are held "
-                "or tied, or the program gives none"
+                f"names: no DOF {name!r}: {found} among {len({*nodes})} nodes, "
+                f"{nodes[0]} to {nodes[-1]}; others are held or tied, or the program "
+                "gives none"
             )
         if len(at) > 1:
             raise ValueError(

@@ -63,8 +63,9 @@ class IndependenceMove(ProposingMove):
         self.weights = checks.positive_array("weights", weights, 1)
         self.means = checks.real_array("means", means, 2)
         self.df = checks.positive_array("df", df, 0).item()
-        k, ndim = self.means.shape
-        checks.shaped("weights", self.weights.shape, (k,))
+        k, ndim = len(self.weights), self.means.shape[1]
+        remedy = "a row for each of weights"
+        checks.shaped("means", self.means.shape, (k, ndim), remedy=remedy)
         matrices = checks.shaped_array(
             "scale_matrices", scale_matrices, (k, ndim, ndim)
         )
