@@ -148,6 +148,7 @@ class Matrices(Report):
 
 
 # K alone, (K, M), or what a file holds.
+OfParts: TypeAlias = Mapping[str, csc_array]  # "K" and "M"
 Export: TypeAlias = Matrix | tuple[Matrix | None, ...] | Matrices
 
 
@@ -222,10 +223,7 @@ def _read_export(argument: str, export: Export, base: Export) -> dict[str, csc_a
 
 
 def _fit_powers(
-    argument: str,
-    first: Mapping[str, csc_array],
-    exports: Mapping[float, Mapping[str, csc_array]],
-    start: float,
+    argument: str, first: OfParts, exports: Mapping[float, OfParts], start: float
 ) -> dict[str, dict[int, csc_array]]:
     """Return what powers of a parameter multiply in K and M, the fewest that fit.
 

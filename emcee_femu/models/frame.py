@@ -50,8 +50,10 @@ Element: TypeAlias = tuple[int, int, str] | tuple[int, int, str, tuple[Offset, O
 Mass: TypeAlias = tuple[Any, ...]  # node, mass, offset, inertia; the last two may lack
 Spring: TypeAlias = tuple[int, int | None, Mapping[str, Property]]
 Term: TypeAlias = tuple[str, ...]  # the parameters whose product multiplies a matrix
+Scale: TypeAlias = tuple[float, Term]  # a number, times a product
+Indices: TypeAlias = NDArray[np.intp]
 # What is added to the matrix of each term: numbers of DOFs (m,), entries (m, m).
-Pieces: TypeAlias = dict[Term, list[tuple[NDArray[np.intp], Floats]]]
+Pieces: TypeAlias = dict[Term, list[tuple[Indices, Floats]]]
 
 
 @dataclass(frozen=True)
@@ -231,7 +233,7 @@ class FrameModel(AffineModel):
         self.geometry = Geometry(dict(enumerate(points)), lines)
 
 
-def _read_property(label: str, value: Property) -> tuple[float, Term]:
+def _read_property(label: str, value: Property) -> Scale:
     """Return the number of a property, and the parameter that multiplies it, if any."""
     pair: tuple[Any, ...] = (value,)
     if isinstance(value, str):
@@ -243,15 +245,11 @@ def _read_property(label: str, value: Property) -> tuple[float, Term]:
 
 
 def _add(
-    pieces: Pieces,
-    properties: Iterable[tuple[float, Term]],
-    dofs: NDArray[np.intp],
-    T: Floats,
-    matrix: Floats,
+    pieces: Pieces, scales: Iterable[Scale], dofs: Indices, T: Floats, matrix: Floats
 ) -> None:
-    """Add ``properties x T^T matrix T`` to what the product of parameters scales."""
+    """Add ``scales x T^T matrix T`` to what the product of parameters scales."""
     number, term = 1.0, list[str]()
-    for factor, names in properties:
+    for factor, names in scales:
         number *= factor
         term += names
     piece = dofs, number * (T.T @ matrix @ T)
@@ -259,7 +257,7 @@ def _add(
 
 
 def _add_up(
-    pieces: list[tuple[NDArray[np.intp], Floats]], free: NDArray[np.intp], size: int
+    pieces: list[tuple[Indices, Floats]], free: Indices, size: int
 ) -> csc_array:
     """Return the sum over the free DOFs."""
     none = np.empty(0, dtype=np.intp)
@@ -369,7 +367,7 @@ def _read_offset(label: str, value: ArrayLike | None) -> Floats:
     return checks.shaped_array(label, np.zeros(3) if value is None else value, (3,))
 
 
-def _dofs(*nodes: int) -> NDArray[np.intp]:
+def _dofs(*nodes: int) -> Indices:
     """Return the numbers of the DOFs of nodes, six each."""
     return np.concatenate([np.arange(6 * node, 6 * node + 6) for node in nodes])
 
@@ -437,7 +435,7 @@ def local_axes(
 
 def _find_free_dofs(
     n_nodes: int, supports: Mapping[int, str | Iterable[str]] | None
-) -> NDArray[np.intp]:
+) -> Indices:
     """Return the numbers of the DOFs that no support holds, six per node."""
     supports = {} if supports is None else supports
     checks.mapping("supports", supports, "{node: held DOFs}")

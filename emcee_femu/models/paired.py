@@ -176,7 +176,7 @@ class PairedModel:
     def pair(self, response: Response) -> PairedSolution:
         """Return the modes of a response in the order of the measured ones."""
         modes = self.read_candidates(response)
-        return self._solution(*_pair_modes(self._shapes, *modes, self.min_gap))
+        return self._solution(*self._pair(*modes))
 
     def _pass_on(self, attribute: str) -> Differentiate | None:
         function = read_declared(self.model, attribute)  # goes to other processes
@@ -188,7 +188,7 @@ class PairedModel:
         """Return paired modes and their derivatives."""
         response, derivatives = differentiate(parameters)
         modes = self.read_candidates(response)
-        chosen, paired = _pair_modes(self._shapes, *modes, self.min_gap)
+        chosen, paired = self._pair(*modes)
         names = [*dict.fromkeys(name for by in derivatives.values() for name in by)]
         needed = "frequency", "shapes"
         gathered = gather_tangents("jacobian", response, derivatives, names, needed)
@@ -196,7 +196,7 @@ class PairedModel:
         tangents = by_f[..., : self.candidates], self._at_sensors(by_shape)
 
         def pair_again(f: Floats, shapes: Floats) -> dict[str, Floats]:
-            return _pair_modes(self._shapes, f, shapes, self.min_gap, chosen)[1]
+            return self._pair(f, shapes, chosen)[1]
 
         speed = (np.abs(tangents[0]) / modes[0]).max(axis=2) / (self.min_gap or 1.0)
         size = np.abs(modes[1]).max(axis=(1, 2))
@@ -207,6 +207,62 @@ class PairedModel:
         slopes["frequency"] = dict(zip(names, exact, strict=True))
         slopes |= {"model_mode": {}, "unpaired": {}}
         return self._solution(chosen, paired), slopes
+
+    def _pair(
+        self, frequencies: Floats, shapes: Floats, chosen: Indices | None = None
+    ) -> tuple[Indices, dict[str, Floats]]:
+        """Return one candidate for each measured mode, one-to-one by MAC.
+
+        Args:
+            frequencies: Frequencies of the candidates ``(n, q)``.
+            shapes: Their shapes at the sensors ``(n, r, q)``.
+            chosen: The assignment ``(n, p)``, if it is already known.
+
+        Returns:
+            The candidate of each measured mode, 0 = the lowest, ``(n, p)``;
+            frequencies, shapes and MAC in that order.
+        """
+        there = ~np.isnan(self._shapes)
+        measured = np.where(there, self._shapes, 0.0)
+        # The modes that share their sensors are compared at these.
+        groups: dict[bytes, list[int]] = {}
+        for i, column in enumerate(there.T):
+            groups.setdefault(column.tobytes(), []).append(i)
+        alike = [(there[:, modes[:1]], modes) for modes in groups.values()]
+        mac = np.empty((len(shapes), measured.shape[1], shapes.shape[2]))  # (n, p, q)
+        for sensors, modes in alike:
+            mac[:, modes] = (measured[:, modes].T @ _scale(shapes * sensors)) ** 2
+        score = mac.copy()
+        shared = np.full(frequencies.shape, -1)  # numbers of those that share a space
+        projections = np.empty((0, *measured.shape))
+        with np.errstate(invalid="ignore"):  # infinite ones, which LogPosterior refuses
+            close = (np.diff(frequencies) < self.min_gap * frequencies[:, :-1]).any(
+                axis=1
+            )
+        if close.any():
+            coupling = _couple_modes(frequencies[close], self.min_gap)
+            at, mode = np.nonzero((coupling > 0).sum(axis=2) > 1)
+            row = np.flatnonzero(close)[at]
+            shared[row, mode] = np.arange(len(row))
+            projections = np.empty((len(row), *measured.shape))
+            for sensors, modes in alike:
+                unit, weights = _scale(shapes[row] * sensors), coupling[at, mode]
+                spanned, projected = _widen(measured[:, modes], unit, weights)
+                mac[row[:, None], modes, mode[:, None]] = spanned
+                projections[:, :, modes] = projected
+            score = mac + TIE_BREAK * score
+        if chosen is None:
+            chosen = _choose_one_to_one(score)
+        paired = np.take_along_axis(shapes, chosen[:, None], axis=2)
+        number = np.take_along_axis(shared, chosen, axis=1)
+        row, which = np.nonzero(number >= 0)
+        # Of those that share one, the projection of the measured shape on their space.
+        paired[row, :, which] = projections[number[row, which], :, which]
+        return chosen, {
+            "frequency": np.take_along_axis(frequencies, chosen, axis=1),
+            "shapes": paired,
+            "mac": np.take_along_axis(mac, chosen[:, :, None], axis=2)[:, :, 0],
+        }
 
     def _solution(self, chosen: Indices, paired: dict[str, Floats]) -> PairedSolution:
         f, shapes, mac = paired.values()
@@ -340,67 +396,6 @@ def at_sensors(shapes: Floats, dofs: Indices | None, n_sensors: int) -> Floats:
             f"model's shapes, got {labels}{remedy}"
         )
     return shapes[..., numbers, :]
-
-
-def _pair_modes(
-    measured: Floats,
-    frequencies: Floats,
-    shapes: Floats,
-    min_gap: float,
-    chosen: Indices | None = None,
-) -> tuple[Indices, dict[str, Floats]]:
-    """Return one candidate for each measured mode, one-to-one by MAC.
-
-    Args:
-        measured: Unit shapes ``(r, p)``, NaN where a sensor was missing.
-        frequencies: Frequencies of the candidates ``(n, q)``.
-        shapes: Their shapes at the sensors ``(n, r, q)``.
-        min_gap: See :class:`PairedModel`.
-        chosen: The assignment ``(n, p)``, if it is already known.
-
-    Returns:
-        The candidate of each measured mode, 0 = the lowest, ``(n, p)``; frequencies,
-        shapes and MAC in that order.
-    """
-    there = ~np.isnan(measured)
-    measured = np.where(there, measured, 0.0)
-    # The modes that share their sensors are compared at these.
-    groups: dict[bytes, list[int]] = {}
-    for i, column in enumerate(there.T):
-        groups.setdefault(column.tobytes(), []).append(i)
-    alike = [(there[:, modes[:1]], modes) for modes in groups.values()]
-    mac = np.empty((len(shapes), measured.shape[1], shapes.shape[2]))  # (n, p, q)
-    for sensors, modes in alike:
-        mac[:, modes] = (measured[:, modes].T @ _scale(shapes * sensors)) ** 2
-    score = mac.copy()
-    shared = np.full(frequencies.shape, -1)  # numbers of those that share a space
-    projections = np.empty((0, *measured.shape))
-    with np.errstate(invalid="ignore"):  # infinite ones, which LogPosterior refuses
-        close = (np.diff(frequencies) < min_gap * frequencies[:, :-1]).any(axis=1)
-    if close.any():
-        coupling = _couple_modes(frequencies[close], min_gap)
-        at, mode = np.nonzero((coupling > 0).sum(axis=2) > 1)
-        row = np.flatnonzero(close)[at]
-        shared[row, mode] = np.arange(len(row))
-        projections = np.empty((len(row), *measured.shape))
-        for sensors, modes in alike:
-            unit, weights = _scale(shapes[row] * sensors), coupling[at, mode]
-            spanned, projected = _widen(measured[:, modes], unit, weights)
-            mac[row[:, None], modes, mode[:, None]] = spanned
-            projections[:, :, modes] = projected
-        score = mac + TIE_BREAK * score
-    if chosen is None:
-        chosen = _choose_one_to_one(score)
-    paired = np.take_along_axis(shapes, chosen[:, None], axis=2)
-    number = np.take_along_axis(shared, chosen, axis=1)
-    row, which = np.nonzero(number >= 0)
-    # Of those that share one, the projection of the measured shape on their space.
-    paired[row, :, which] = projections[number[row, which], :, which]
-    return chosen, {
-        "frequency": np.take_along_axis(frequencies, chosen, axis=1),
-        "shapes": paired,
-        "mac": np.take_along_axis(mac, chosen[:, :, None], axis=2)[:, :, 0],
-    }
 
 
 def _scale(shapes: Floats) -> Floats:

@@ -13,7 +13,7 @@ from scipy.special import ndtri
 
 from .. import checks
 from ..contracts import Floats
-from .proposing import Indices, ProposingMove, check_state, overwrite, refresh
+from .proposing import Indices, ProposingMove, check_state, refresh
 
 JITTER = 0.2  # of the step size, against trajectories that come back to their start
 # Share of trajectories with steps down to a thirtieth: far from the posterior, in
@@ -177,8 +177,10 @@ class HamiltonianMove(Move):
         new = here.take(here.log_density > threshold[here.walkers])
         accepted = np.zeros(n, dtype=bool)
         accepted[new.walkers] = True
-        blobs = new.rows[:, 1:] if new.rows.shape[1] > 1 else None
-        overwrite(state, new.walkers, new.coords, new.rows[:, 0], blobs)
+        state.coords[new.walkers] = new.coords
+        state.log_prob[new.walkers] = new.rows[:, 0]
+        if state.blobs is not None:
+            state.blobs[new.walkers] = new.rows[:, 1:]
         gradient[new.walkers] = new.gradient
         self._before = state.coords.copy(), gradient
         return state, accepted

@@ -190,23 +190,11 @@ def accept_or_reject(
         threshold -= log_factors
     better = (target > threshold).nonzero()[0]
     moved: Indices = walkers.take(better)
-    new = proposed.take(better, axis=0), log_prob.take(better)
-    overwrite(state, moved, *new, None if blobs is None else blobs[better])
-    return moved
-
-
-def overwrite(
-    state: State,
-    moved: Indices,
-    coords: Floats,
-    log_prob: Floats,
-    blobs: NDArray[np.generic] | None,
-) -> None:
-    """Write where the walkers ``moved`` are now into the state."""
-    state.coords[moved] = coords
-    state.log_prob[moved] = log_prob
+    state.coords[moved] = proposed.take(better, axis=0)
+    state.log_prob[moved] = log_prob.take(better)
     if blobs is not None:
-        state.blobs[moved] = blobs
+        state.blobs[moved] = blobs[better]
+    return moved
 
 
 def refresh(

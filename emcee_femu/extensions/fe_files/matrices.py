@@ -82,7 +82,14 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
                 )
             parts.append(chosen[0]._replace(name=name))
         if labels is not None:
-            parts = _label(parts, labels)
+            dofs = read_labels(labels)
+            for part in parts:
+                if part.dofs is not None and not np.array_equal(part.dofs, dofs):
+                    raise ValueError(
+                        f"path['{LABELS}']: {part.path} has its own row labels, and "
+                        f"those of {labels} differ; leave it out"
+                    )
+            parts = [part._replace(dofs=dofs) for part in parts]
         source = ", ".join(file.name for file in files.values())
     else:
         file = Path(checks.file_name("path", path))
@@ -97,18 +104,6 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
     if {"K", "M"} <= {*read.matrices}:
         warn_of_uncoupled([read.K], [read.M], read.labels)
     return read
-
-
-def _label(parts: list[Part], path: Path) -> list[Part]:
-    """Return the parts with the labels of a file."""
-    dofs = read_labels(path)
-    for part in parts:
-        if part.dofs is not None and not np.array_equal(part.dofs, dofs):
-            raise ValueError(
-                f"path['{LABELS}']: {part.path} has its own row labels, and those of "
-                f"{path} differ; leave it out"
-            )
-    return [part._replace(dofs=dofs) for part in parts]
 
 
 def _join(parts: list[Part], source: str, asked: Collection[str]) -> Matrices:

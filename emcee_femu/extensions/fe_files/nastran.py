@@ -51,7 +51,7 @@ def read_op4(path: Path) -> list[Part]:
         wide = len(header[1]) // 2 - 8
         size, rows = int(header[1][:wide]), abs(int(header[1][wide:-16]))
         if size == rows:  # no load
-            read = partial(_read_op4_part, path, lines, start, end, size, header)
+            read = partial(_read_op4_part, path, lines, header, start, end)
             parts.append(try_part(header[2], path, read))
     if not parts:
         raise ValueError(f"{path}: no square matrix; write K and M by OUTPUT4")
@@ -60,15 +60,11 @@ def read_op4(path: Path) -> list[Part]:
 
 
 def _read_op4_part(
-    path: Path,
-    lines: list[str],
-    start: int,
-    end: int,
-    size: int,
-    header: re.Match[str],
+    path: Path, lines: list[str], header: re.Match[str], start: int, end: int
 ) -> Part:
     """Return the matrix of the lines from its header to the next."""
     name, width, kind = header[2], int(header[3] or OP4_WIDTH), int(header[1][-8:])
+    size = int(header[1][: len(header[1]) // 2 - 8])
     if kind not in OP4_WORDS:
         raise ValueError(f"{path}, line {start + 1}: {name} {IS_COMPLEX}")
     try:
