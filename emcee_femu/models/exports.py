@@ -147,8 +147,8 @@ class Matrices(Report):
         return self.matrices[name]
 
 
-# K alone, (K, M), or what a file holds.
 OfParts: TypeAlias = Mapping[str, csc_array]  # "K" and "M"
+# K alone, (K, M), or what a file holds.
 Export: TypeAlias = Matrix | tuple[Matrix | None, ...] | Matrices
 
 
