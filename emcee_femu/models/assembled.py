@@ -18,7 +18,7 @@ from ..contracts import (
     placed,
     show_declared,
 )
-from .eigen_dense import Eigenproblem, join
+from .eigen_dense import Eigenproblem, Wanted, join
 from .eigen_sparse import DenseProblem, SparseEigenproblem
 from .inputs import Dofs, Matrix, Where, choose_dofs, describe, read_batch, read_matrix
 
@@ -167,15 +167,13 @@ class AssembledModel:
                 units.append((high - low) / (2 * step))
         label = f"the mass matrix at {where(0)}"
         problem: SparseEigenproblem | DenseProblem | Eigenproblem
+        wanted = Wanted(self.modes, self.skip, self.shape_dofs)
         if self._output is None:
             kind = SparseEigenproblem if issparse(K[0]) else DenseProblem
-            problem = kind(K, M, self.modes, self.skip, self.shape_dofs, label)
+            problem = kind(K, M, wanted, label)
         else:
-            parts, selected = (
-                (np.array(K), np.array(M)),
-                self.skip + np.arange(self.n_modes),
-            )
-            problem = Eigenproblem(*parts, selected, self.skip, self._output, label)
+            parts = np.array(K), np.array(M)
+            problem = Eigenproblem(*parts, wanted, self._output, label)
         still = np.zeros((1, len(by)))
         each = np.eye(len(by))[:, None]
         slopes = {name: (one, one) for name, one in zip(by, each, strict=True)}

@@ -20,7 +20,7 @@ Source: Fox and Kapoor, AIAA J. 6 (1968) 2426, doi:10.2514/3.5008.
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,20 @@ PARTING = 1e-7  # share of a derivative's terms that may be left by rounding
 Slopes: TypeAlias = Mapping[str, tuple[Floats, ...]]
 
 
+class Wanted(NamedTuple):
+    """The modes that are wanted of an eigenproblem.
+
+    Attributes:
+        modes: Which elastic modes, 1 = the lowest, ascending.
+        skip: Number of rigid-body modes below them, checked at each solve.
+        dofs: Where mass-normalised shapes are wanted; empty for none.
+    """
+
+    modes: Sequence[int]
+    skip: int
+    dofs: Sequence[int]
+
+
 class Eigenproblem:
     r"""``K(a) = K0 + sum a_i K_i`` and ``M(b) = M0 + sum b_j M_j``, dense.
 
@@ -53,8 +67,7 @@ class Eigenproblem:
     Args:
         K: Stiffness matrices: K0, then those of unit coefficients, ``(1 + n_k, N, N)``.
         M: Mass matrices, likewise, ``(1 + n_m, N, N)``.
-        selected: Indices of the wanted modes, 0 = the lowest, rigid ones included.
-        skip: Number of rigid-body modes, checked at each solve.
+        wanted: The wanted modes.
         output: Maps mass-normalised shapes to what is returned of them, ``(n_out, N)``;
             without rows for frequencies alone.
         label: What M0 is called in a message.
@@ -68,15 +81,10 @@ class Eigenproblem:
     """
 
     def __init__(
-        self,
-        K: Floats,
-        M: Floats,
-        selected: NDArray[np.intp],
-        skip: int,
-        output: Floats,
-        label: str = "M0",
+        self, K: Floats, M: Floats, wanted: Wanted, output: Floats, label: str = "M0"
     ) -> None:
-        self.selected, self.skip, self.folded = selected, skip, len(M) == 1
+        self.skip, self.folded = wanted.skip, len(M) == 1
+        self.selected = self.skip + np.array(wanted.modes) - 1
         self.K, self.M, self.output = K, M, output
         self.stiffness, self.mass = partial(combine_one, K), partial(combine_one, M)
         if self.folded:  # from here on y stands for the shapes

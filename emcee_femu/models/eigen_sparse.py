@@ -32,6 +32,7 @@ from .eigen_dense import (
     REPEATED,
     Eigenproblem,
     Slopes,
+    Wanted,
     at_row,
     check_elastic,
     find_blurred,
@@ -49,6 +50,7 @@ EQUAL_MODES = 1e-6
 # Squared length, of one, that rounding leaves of what is in the space.
 LANCZOS_DEPENDENT = 1e-14
 
+Parts: TypeAlias = Sequence[Matrix]  # the constant one, those of unit coefficients
 Pairs: TypeAlias = tuple[Floats, Floats]  # eigenvalues (m,), vectors (N, m)
 
 
@@ -100,9 +102,7 @@ class SparseEigenproblem:
     Args:
         K: Stiffness matrices: K0, then those of unit coefficients, each ``(N, N)``.
         M: Mass matrices, likewise.
-        modes: Which elastic modes to return, 1 = the lowest, ascending.
-        skip: Number of rigid-body modes below them, checked at each solve.
-        dofs: Where mass-normalised shapes are wanted; empty for none.
+        wanted: The wanted modes.
         label: What M0 is called in a message.
 
     Attributes:
@@ -113,19 +113,10 @@ class SparseEigenproblem:
         doi:10.1137/S0895479888151111.
     """
 
-    def __init__(
-        self,
-        K: Sequence[Matrix],
-        M: Sequence[Matrix],
-        modes: Sequence[int],
-        skip: int,
-        dofs: Sequence[int],
-        label: str = "M0",
-    ) -> None:
+    def __init__(self, K: Parts, M: Parts, wanted: Wanted, label: str = "M0") -> None:
         self.K, self.M = (tuple(map(csc_array, part)) for part in (K, M))
-        self.skip = skip
-        self.modes = np.array(modes)
-        self.dofs = np.array(dofs, dtype=np.intp)
+        self.skip, self.modes = wanted.skip, np.array(wanted.modes)
+        self.dofs = np.array(wanted.dofs, dtype=np.intp)
         self.stiffness, self.mass = SparseSum(self.K), SparseSum(self.M)
         if len(M) == 1:
             check_mass(self.M[0], label)
@@ -220,19 +211,10 @@ class DenseProblem:
     The arguments are those of :class:`SparseEigenproblem`, with dense matrices.
     """
 
-    def __init__(
-        self,
-        K: Sequence[Matrix],
-        M: Sequence[Matrix],
-        modes: Sequence[int],
-        skip: int,
-        dofs: Sequence[int],
-        label: str = "M0",
-    ) -> None:
-        self._given = K, M, modes, skip, dofs, label
-        output = np.eye(K[0].shape[0])[list(dofs)]
-        parts, selected = (np.array(K), np.array(M)), skip + np.array(modes) - 1
-        self._dense = Eigenproblem(*parts, selected, skip, output, label)
+    def __init__(self, K: Parts, M: Parts, wanted: Wanted, label: str = "M0") -> None:
+        self._given, parts = (K, M, wanted, label), (np.array(K), np.array(M))
+        output = np.eye(K[0].shape[0])[list(wanted.dofs)]
+        self._dense = Eigenproblem(*parts, wanted, output, label)
         self.stiffness, self.mass = self._dense.stiffness, self._dense.mass
         self._diagonals = [A.diagonal(axis1=1, axis2=2) for A in parts]
 

@@ -284,9 +284,7 @@ def _add_bars(
     sections: Mapping[str, Section],
 ) -> set[int]:
     """Add the bars, checked, and return the nodes that they join."""
-    checks.mapping("sections", sections, "{name: Section}")
-    checks.parameter_names("sections", list(sections))
-    for name, section in sections.items():
+    for name, section in checks.by_label("sections", sections, "a Section").items():
         checks.instance(f"sections[{name!r}]", section, Section)
     form = "(node, node, section name) or (node, node, section name, (offset, offset))"
     if not elements:

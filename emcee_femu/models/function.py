@@ -87,9 +87,9 @@ class FunctionModel:
             variables = modal_variables(checks.whole_number("n_modes", n_modes, 1))
             variables |= {"shapes": unknown}
         elif variables is not None:
-            checks.mapping("variables", variables, "{name: Variable}")
-            for name in checks.parameter_names("variables", variables):
-                checks.instance(f"variables[{name!r}]", variables[name], Variable)
+            by_name = checks.by_label("variables", variables, "a Variable")
+            for name, variable in by_name.items():
+                checks.instance(f"variables[{name!r}]", variable, Variable)
         self.function, self.n_modes, self.variables = function, n_modes, variables
         self._jacobian = jacobian
 

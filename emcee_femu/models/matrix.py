@@ -22,7 +22,7 @@ from ..contracts import (
     show_declared,
 )
 from .coefficients import Coefficients, Unit, read_units
-from .eigen_dense import Eigenproblem, combine
+from .eigen_dense import Eigenproblem, Wanted, combine
 from .eigen_sparse import DenseProblem, SparseEigenproblem, SparseSum
 from .exports import Export, Matrices, fit_polynomials
 from .factorization import factor_definite
@@ -85,7 +85,8 @@ class AffineModel:
         self.parts = [self.K0, *self.K.values()], [self.M0, *self.M.values()]
         self.problem: SparseEigenproblem | DenseProblem | Eigenproblem
         kind = SparseEigenproblem if sparse else DenseProblem
-        self.problem = kind(*self.parts, self.modes, self.skip, self.rows)
+        self.wanted = Wanted(self.modes, self.skip, self.rows)
+        self.problem = kind(*self.parts, self.wanted)
 
     __repr__ = show_declared
 
@@ -114,8 +115,8 @@ class AffineModel:
 
     def project(self, K: Floats, M: Floats, output: Floats) -> Self:
         """Return the model in a basis, from its projected parts and shapes."""
-        small, selected = copy(self), self.skip + np.array(self.modes) - 1
-        small.problem = Eigenproblem(K, M, selected, self.skip, output)
+        small = copy(self)
+        small.problem = Eigenproblem(K, M, self.wanted, output)
         return small
 
 
@@ -305,8 +306,7 @@ class StaticModel:
         self.K, of_K = read_units("K", K, size, sparse)
         self.coefficients = Coefficients((of_K,))
         self.names = self.coefficients.names
-        checks.mapping("loads", loads, "{load case: forces}")
-        self.cases = checks.parameter_names("loads", tuple(loads))
+        self.cases = tuple(checks.by_label("loads", loads, "forces"))
         forces = [_read_force(case, force, size) for case, force in loads.items()]
         self._forces = np.stack(forces, axis=1)  # (N, cases)
         dofs = choose_dofs("points", True if points is None else points, range(size))

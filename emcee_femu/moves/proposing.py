@@ -78,7 +78,7 @@ class ProposingMove(Move):
         return lambda walkers: self.get_proposal(walkers, guides, random)
 
     def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
-        """Yield walkers, proposals and log-factors, as accept_or_reject takes them.
+        """Yield walkers, proposals and log-factors, a batch of accept_or_reject.
 
         Each batch is accepted or rejected, and ``coords (nwalkers, ndim)`` changed in
         place, before the next one is asked for.
@@ -92,7 +92,7 @@ class ProposingMove(Move):
         check_state(state)
         accepted = np.zeros(len(state.coords), dtype=bool)
         for batch in self.batches(state.coords, model.random):
-            accepted[accept_or_reject(model, state, *batch)] = True
+            accepted[accept_or_reject(model, state, batch)] = True
         return state, accepted
 
 
@@ -152,12 +152,7 @@ def find_stock_fault(move: Move, ndim: int) -> str:
 
 
 def accept_or_reject(
-    model: Model,
-    state: State,
-    walkers: Indices,
-    proposed: Floats,
-    log_factors: Floats | None = None,
-    betas: Floats | None = None,
+    model: Model, state: State, batch: Batch, betas: Floats | None = None
 ) -> Indices:
     r"""Evaluate proposals for ``walkers``, accept or reject each, update the state.
 
@@ -166,9 +161,8 @@ def accept_or_reject(
     Args:
         model: emcee's ``Model``: log-probability function and random stream.
         state: emcee's ``State``; the accepted walkers are overwritten in place.
-        walkers: Indices ``(k,)`` of the walkers that may move.
-        proposed: Proposals ``(k, ndim)``.
-        log_factors: F of an asymmetric proposal, ``(k,)``.
+        batch: Indices ``(k,)`` of the walkers that may move; proposals ``(k, ndim)``;
+            F of an asymmetric proposal, ``(k,)``, or None.
         betas: Powers of the likelihood other than 1, ``(k,)``.
 
     Returns:
@@ -176,6 +170,7 @@ def accept_or_reject(
 
     Source: Eqs. 3.1 and 3.3 of Sherri, Boulkaibet, Marwala and Friswell.
     """
+    walkers, proposed, log_factors = batch
     if not len(walkers):
         return walkers
     log_prob, blobs = model.compute_log_prob_fn(proposed)

@@ -119,19 +119,12 @@ def build_matrix(
 
 
 def build_labelled(
-    name: str,
-    path: Path,
-    rows: Dofs,
-    columns: Dofs,
-    values: Floats,
-    *,
-    mirror: bool = True,
+    name: str, path: Path, pairs: Dofs, values: Floats, *, mirror: bool = True
 ) -> Part:
-    """Return the matrix of entries at rows and columns ``(n, 2)`` of DOFs, sorted."""
+    """Return the matrix of entries at pairs of DOFs ``(n, 2, 2)``, sorted."""
     label = f"{path}, {name}" if name else path
-    both = np.concatenate([rows, columns])
-    dofs, at = np.unique(both, axis=0, return_inverse=True)
-    i, j = at.reshape(2, -1)
+    dofs, at = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
+    i, j = at.reshape(-1, 2).T
     matrix = build_matrix(label, i, j, values, len(dofs), mirror=mirror)
     return Part(name, path, matrix, dofs)
 

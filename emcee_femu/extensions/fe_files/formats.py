@@ -66,8 +66,7 @@ def _read_part(path: Path) -> Part:
         return read_triplets(path, delimiter)
     form = "node,dof,node,dof,value".replace(",", delimiter or " ")
     labels, values = read_columns(path, form, 4, delimiter)
-    pairs = labels.reshape(-1, 2, 2)
-    return build_labelled("", path, pairs[:, 0], pairs[:, 1], np.ravel(values))
+    return build_labelled("", path, labels.reshape(-1, 2, 2), values[:, 0])
 
 
 def read_full(path: Path) -> list[Part]:

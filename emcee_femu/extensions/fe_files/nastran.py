@@ -175,8 +175,8 @@ def read_dmig(path: Path) -> list[Part]:
         elif not rows:
             faults.setdefault(name, f"{path}: no entry in a column of {name}; {AGAIN}")
         table = np.array(rows).reshape(-1, 5)
-        j, i = table[:, :4].astype(np.int64).reshape(-1, 2, 2).swapaxes(0, 1)
-        entries_of = name, path, i, j, table[:, 4]
+        pairs = table[:, :4].astype(np.int64).reshape(-1, 2, 2)[:, ::-1]  # row, column
+        entries_of = name, path, pairs, table[:, 4]
         read = partial(build_labelled, *entries_of, mirror=form == SYMMETRIC)
         part = Part(name, path, NOTHING, fault=faults.get(name, ""))
         parts.append(part if part.fault else try_part(name, path, read))
