@@ -142,8 +142,9 @@ class ShapeTerm(Term):
             whole = log_normal(np.zeros(1), self.sd[there]).sum()
             across = there.sum() - self.n_modes
             self.log_constants = whole / across + 0.5 * np.log(2 * np.pi)
-        each: Floats = self._across * (1.0 if self.delta is None else self.delta)
-        self.stated_sd = np.zeros(1) if discrepancy else each[self._across]
+        each = np.ones(self.n_modes) if self.delta is None else self.delta
+        by_datum = np.broadcast_to(each, shapes.shape)[self._across]
+        self.stated_sd = np.zeros(1) if discrepancy else by_datum
         # Sensors whose DOFs are not known are in the order of the model's rows.
         dofs = [None] * n_sensors if self._dofs is None else self._dofs.tolist()
         coords = {"dof": dofs, "mode": range(1, self.n_modes + 1)}

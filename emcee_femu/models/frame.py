@@ -392,13 +392,14 @@ def element_matrices(
     along = _place(AXIAL, moved) + _place(BENDING_Y, swung)
     along += _place(BENDING_Z, swung * ROTATION_SIGNS)
     twist = _place(TORSION, moved)
-    stiffness = {
+    stiffness: dict[Term, Floats] = {
         ("E", "A"): _place(AXIAL, strained),
         ("GJ",): _place(TORSION, strained),
         ("E", "Iz"): _place(BENDING_Y, bent),
         ("E", "Iy"): _place(BENDING_Z, bent * ROTATION_SIGNS),
     }
-    return stiffness, {("rho", "A"): along} | {("rho", name): twist for name in polar}
+    mass: dict[Term, Floats] = {("rho", "A"): along}
+    return stiffness, mass | {("rho", name): twist for name in polar}
 
 
 def _place(dofs: list[int], block: Floats) -> Floats:

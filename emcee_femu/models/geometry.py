@@ -75,15 +75,15 @@ class Geometry:
             label = f"sensors[{dof!r}]"
             node, along = checks.group(label, sensor, "(node, direction)", 2)
             self._check_node(label, node)
-            given: ArrayLike = along
+            axis: ArrayLike = along
             if isinstance(along, str):
                 if along not in UNIT_AXES:
                     raise ValueError(
                         f"{label}: expected a direction out of {' '.join(UNIT_AXES)} "
                         f"or a vector, got {along!r}"
                     )
-                given = UNIT_AXES[along]
-            vector = checks.shaped_array(label, given, (3,))
+                axis = UNIT_AXES[along]
+            vector = checks.shaped_array(label, axis, (3,))
             if not vector.any():
                 raise ValueError(f"{label}: expected a vector that is not zero")
             self.sensors[dof] = node, vector / np.linalg.norm(vector)

@@ -212,7 +212,7 @@ class MetropolisMove(ProposingMove):
         if self.sd is not None and self.sd.ndim > 1:
             raise ValueError(
                 "sd: expected a number or (ndim,) standard deviations, got shape "
-                f"{np.shape(sd)}; a covariance is given as cov="
+                f"{self.sd.shape}; a covariance is given as cov="
             )
         if self.cov is None:
             self._factor = np.asarray(self.sd)

@@ -62,11 +62,12 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
         [[3.0, -1.0], [-1.0, 1.0]]
     """
     if isinstance(path, Mapping):
-        for name, given in path.items():
-            checks.file_name(f"path[{name!r}]", given)
-        files = {name: Path(given) for name, given in path.items()}
+        files = {
+            name: Path(checks.file_name(f"path[{name!r}]", given))
+            for name, given in checks.by_label("path", path, "files").items()
+        }
         labels = files.pop(LABELS, None)
-        if not files or not all(isinstance(name, str) and name for name in files):
+        if not files:
             raise ValueError(
                 "path: expected files by the names of their matrices, such as "
                 f"{{'K': path, 'M': path}}, got {path!r}"
