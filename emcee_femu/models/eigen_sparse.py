@@ -243,9 +243,26 @@ class DenseProblem:
 def lowest_modes(K: csc_array, M: csc_array, count: int, skip: int, at: str) -> Pairs:
     """Return the lowest eigenvalues ``(count,)`` and mass-normalised vectors.
 
-    Rigid-body modes are included; ``at`` names the parameters in an error.
+    Rigid-body modes are included; ``at`` names the parameters in an error. The pairs
+    are those nearest to ``-shift``, which is small, but enough to factor a K with
+    rigid-body modes. From 1e-6 to 1e4 times the first elastic eigenvalue the result is
+    the same.
     """
-    values, vectors = _solve_inverse(K, M, count, skip, at)
+    mass, shift = M.diagonal(), 0.0
+    if skip or not K.diagonal().all():  # with it, constraints are the massless ones
+        ratio = K.diagonal()[mass > 0] / mass[mass > 0]
+        positive = ratio[ratio > 0]
+        shift = 1e-6 * float(np.median(positive)) if len(positive) else 1.0
+    factor = factor_definite(csc_array(K + shift * M) if shift else K)
+    if factor is None:
+        raise ValueError(
+            f"mode {skip + 1} is not elastic (a pivot of the stiffness is not "
+            f"above zero) at {at}: a stiffness matrix that is not positive "
+            "(give the prior bounds that keep stiffnesses and masses above zero), "
+            f"or a rigid-body mode beyond skip={skip}"
+        )
+    inverse, vectors = _krylov(factor, M, count, skip)
+    values = 1 / inverse - shift
     # The strain energy of a rigid motion is a difference of large terms: what is
     # left of it is rounding of their size. (A bound by the largest eigenvalue
     # would refuse models with penalty springs or tiny masses.)
@@ -258,31 +275,6 @@ def lowest_modes(K: csc_array, M: csc_array, count: int, skip: int, at: str) -> 
             f"matrix), got {count}"
         )
     return values, vectors
-
-
-def _solve_inverse(
-    K: csc_array, M: csc_array, count: int, skip: int, where: str
-) -> Pairs:
-    """Return the pairs nearest to ``-sigma``, ascending.
-
-    Sigma is small, but enough to factor a K with rigid-body modes. From 1e-6 to
-    1e4 times the first elastic eigenvalue the result is the same.
-    """
-    mass, shift = M.diagonal(), 0.0
-    if skip or not K.diagonal().all():  # with it, constraints are the massless ones
-        ratio = K.diagonal()[mass > 0] / mass[mass > 0]
-        positive = ratio[ratio > 0]
-        shift = 1e-6 * float(np.median(positive)) if len(positive) else 1.0
-    factor = factor_definite(csc_array(K + shift * M) if shift else K)
-    if factor is None:
-        raise ValueError(
-            f"mode {skip + 1} is not elastic (a pivot of the stiffness is not "
-            f"above zero) at {where}: a stiffness matrix that is not positive "
-            "(give the prior bounds that keep stiffnesses and masses above zero), "
-            f"or a rigid-body mode beyond skip={skip}"
-        )
-    inverse, vectors = _krylov(factor, M, count, skip)
-    return 1 / inverse - shift, vectors
 
 
 def _krylov(factor: Factor, M: csc_array, count: int, skip: int) -> Pairs:
