@@ -36,14 +36,9 @@ LAYOUTS = {
 }
 
 
-PYOMA2 = {  # attributes of its results, by our names
-    "frequencies": "Fn",
-    "shapes": "Phi",
-    "sd": "Fn_std",
-    "shape_sd": "Phi_std",
-    "damping": "Xi",
-    "damping_sd": "Xi_std",
-}
+# Attributes of pyOMA2's results, by our names.
+PYOMA2 = {"frequencies": "Fn", "shapes": "Phi", "sd": "Fn_std", "shape_sd": "Phi_std"}
+PYOMA2_DAMPING = {"damping": "Xi", "damping_sd": "Xi_std"}
 
 
 class Mode(NamedTuple):
@@ -99,7 +94,8 @@ def read_pyoma2(
             "result: expected a result of pyOMA2 with Fn and Phi, such as "
             f"algorithm.result, got {type(result).__name__}"
         )
-    given = {field: getattr(result, name, None) for field, name in PYOMA2.items()}
+    names = PYOMA2 | PYOMA2_DAMPING
+    given = {field: getattr(result, name, None) for field, name in names.items()}
     if given["frequencies"] is None or given["shapes"] is None:
         raise ValueError("result: no modes yet; call mpe(..) of pyOMA2 first")
     if not checks.flag("shape_sd", shape_sd):
@@ -108,11 +104,11 @@ def read_pyoma2(
         remedy = "run pyOMA2 with calc_unc=True, or leave shape_sd out"
         raise ValueError(f"result: no Phi_std; {remedy}")
     fields = {
-        field: checks.complex_array(f"result.{PYOMA2[field]}", value)
+        field: checks.complex_array(f"result.{names[field]}", value)
         for field, value in given.items()
         if value is not None
     }
-    for field in fields.keys() & {"damping", "damping_sd"}:
+    for field in fields.keys() & PYOMA2_DAMPING.keys():
         fields[field] = _known(fields[field])
     hertz = np.asarray(fields["frequencies"].real)
     if any(value.shape[-1:] != hertz.shape for value in fields.values()):

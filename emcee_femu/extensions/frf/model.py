@@ -22,6 +22,7 @@ from ...contracts import (
 )
 from ...figures.style import BELOW, BLUE, Style, finish, subplots
 from ...likelihoods.term import MODEL_ERROR, Deviations, Term, error_array
+from ...models.coefficients import Unit
 from ...models.inputs import derive_along
 from ...models.matrix import AffineModel, StaticModel
 from ...posterior.log_posterior import LogPosterior
@@ -284,13 +285,10 @@ def _build_static(model: object, rows: list[int], columns: list[int]) -> Static:
     dofs = model.rows
     responses, excitations = ([dofs[i] for i in side] for side in (rows, columns))
     loads = {str(dof): {dof: 1.0} for dof in excitations}
-    points, functions = [*dict.fromkeys(responses)], model.coefficients.parts[0]
-    K = {
-        label: unit if function is None else (unit, function)
-        for (label, unit), (_, function) in zip(
-            model.K.items(), functions.values(), strict=True
-        )
-    }
+    points, K = [*dict.fromkeys(responses)], dict[str, Unit](model.K)
+    for label, (_, function) in model.coefficients.parts[0].items():
+        if function is not None:
+            K[label] = model.K[label], function
     static = StaticModel(model.K0, loads, K, points=points)
     cases = [static.cases.index(str(dof)) for dof in excitations]
     return static, cases, [static.points.index(dof) for dof in responses]
