@@ -132,9 +132,8 @@ class PairedModel:
             )
         self.model, self.measurements = model, test
         n_modes = test.n_modes
-        if candidates is None:
-            candidates = 2 * n_modes
-        self.candidates = checks.whole_number("candidates", candidates, n_modes)
+        wanted = 2 * n_modes if candidates is None else candidates
+        self.candidates = checks.whole_number("candidates", wanted, n_modes)
         self.min_mac = checks.real_number("min_mac", min_mac, 0.0, 1.0)
         self.min_gap = checks.real_number("min_gap", min_gap, 0.0)
         size = np.sqrt(np.nansum(test.shapes**2, axis=0))
@@ -252,7 +251,12 @@ class PairedModel:
                 projections[:, :, modes] = projected
             score = mac + TIE_BREAK * score
         if chosen is None:
-            chosen = _choose_one_to_one(score)
+            chosen = score.argmax(axis=2)
+            ordered = np.sort(chosen, axis=1)
+            # Where the best ones differ they are the answer, and usually they do.
+            repeated = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
+            for i in np.flatnonzero(repeated):
+                chosen[i] = linear_sum_assignment(score[i], maximize=True)[1]
         paired = np.take_along_axis(shapes, chosen[:, None], axis=2)
         number = np.take_along_axis(shared, chosen, axis=1)
         row, which = np.nonzero(number >= 0)
@@ -403,17 +407,6 @@ def _scale(shapes: Floats) -> Floats:
     size = np.sqrt((shapes**2).sum(axis=1, keepdims=True))
     unit: Floats = shapes * np.divide(1, size, out=np.zeros_like(size), where=size > 0)
     return unit
-
-
-def _choose_one_to_one(score: Floats) -> Indices:
-    """Return the columns ``(n, p)`` of the best one-to-one choices of ``(n, p, q)``."""
-    best: Indices = score.argmax(axis=2)
-    ordered = np.sort(best, axis=1)
-    # Where the best ones differ they are the answer, and usually they do.
-    repeated = ordered[:, 1:] == ordered[:, :-1]
-    for row in np.flatnonzero(repeated.any(axis=1)):
-        best[row] = linear_sum_assignment(score[row], maximize=True)[1]
-    return best
 
 
 def _couple_modes(frequencies: Floats, min_gap: float) -> Floats:
