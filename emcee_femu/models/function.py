@@ -112,17 +112,21 @@ class FunctionModel:
         """Call a function for each parameter set; stack its results and derivatives."""
         values, n = checks.batch(parameters)
         names, rows, tangents = [*values], list[Arrays](), list[Arrays]()
+        given = set[tuple[str, str]]()  # variables, and parameters that change them
         form = "what function returns, and {variable: {parameter: array}}"
         for i in range(n):
             row = {name: float(value[i]) for name, value in values.items()}
             with placed(row, names):
                 try:
                     result = function(dict(row))
-                    slopes: object = {}
+                    slopes: dict[str, Arrays] = {}
                     if is_pair:
                         result, slopes = checks.group("jacobian", result, form, 2)
                     rows.append(self._read(result))
                     tangents.append(gather_tangents("jacobian", rows[i], slopes, names))
+                    given |= {
+                        (v, name) for v, by_name in slopes.items() for name in by_name
+                    }
                 except TypeError as error:
                     error.add_note(f"the function is given one dict, of {names}")
                     raise
@@ -134,7 +138,8 @@ class FunctionModel:
             none = np.zeros((*first[name], len(names)))
             every = np.array([each.get(name, none) for each in tangents])
             by_parameter = np.moveaxis(every, -1, 0)
-            derivatives[name] = dict(zip(names, by_parameter, strict=True))
+            pairs = zip(names, by_parameter, strict=True)
+            derivatives[name] = {p: x for p, x in pairs if (name, p) in given}
         if self._is_modal:
             modes = ModalSolution(response["frequency"], response.get("shapes"))
             return modes, derivatives

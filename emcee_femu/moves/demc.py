@@ -207,18 +207,18 @@ class MetropolisMove(ProposingMove):
                 "sd, cov: expected one of the two, standard deviations or covariance "
                 f"of the steps, got {'neither' if sd is None else 'both'}"
             )
-        self.sd = None if sd is None else checks.positive_array("sd", sd)
+        self.sd = None if sd is None else checks.numeric_array("sd", sd)
         self.cov = None if cov is None else checks.real_array("cov", cov)
         if self.sd is not None and self.sd.ndim > 1:
             raise ValueError(
                 "sd: expected a number or (ndim,) standard deviations, got shape "
                 f"{self.sd.shape}; a covariance is given as cov="
             )
-        if self.cov is None:
-            self._factor = np.asarray(self.sd)
-        elif self.cov.ndim < 2:
+        if self.sd is not None:
+            self._factor = checks.positive_array("sd", self.sd)
+        elif self.cov is not None and self.cov.ndim < 2:
             self._factor = np.sqrt(checks.positive_array("cov", self.cov))
-        else:
+        elif self.cov is not None:
             self._factor = checks.covariance_factor("cov", self.cov)
 
     @classmethod
