@@ -47,6 +47,7 @@ class AffineModel:
     Attributes:
         rows: Where the DOFs of the shapes are in the matrices.
         parts: The matrices of K and those of M, the constant ones first.
+        wanted: The modes and DOFs that are returned.
     """
 
     def __init__(
@@ -82,6 +83,7 @@ class AffineModel:
         self.rows = tuple(chosen.values())
         self.shape_dofs = tuple(self.dofs[row] for row in self.rows)
         self.variables = modal_variables(self.n_modes, tuple(chosen))
+        self.parts: tuple[list[Matrix], list[Matrix]]
         self.parts = [self.K0, *self.K.values()], [self.M0, *self.M.values()]
         self.problem: SparseEigenproblem | DenseProblem | Eigenproblem
         kind = SparseEigenproblem if sparse else DenseProblem
@@ -114,8 +116,15 @@ class AffineModel:
         return self.problem.stiffness(k[0]), self.problem.mass(m[0])
 
     def project(self, K: Floats, M: Floats, output: Floats) -> Self:
-        """Return the model in a basis, from its projected parts and shapes."""
+        """Return the model in a basis, from its projected parts and shapes.
+
+        It keeps no large matrix, and can be sent to other processes.
+        """
         small = copy(self)
+        small.parts = [*K], [*M]
+        (small.K0, *of_K), (small.M0, *of_M) = small.parts
+        small.K = dict(zip(self.K, of_K, strict=True))
+        small.M = dict(zip(self.M, of_M, strict=True))
         small.problem = Eigenproblem(K, M, self.wanted, output)
         return small
 
