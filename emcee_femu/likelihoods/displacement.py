@@ -126,6 +126,7 @@ def _read_labels(
     """Return one label for each; None if they correspond by position."""
     if labels is None:
         return [None] * size
-    if len(labels) != size or len({*labels}) != size:
+    given = checks.sequence(argument, labels, "labels")
+    if len(given) != size or len({*given}) != size:
         raise ValueError(f"{argument}: expected {size} different labels, got {labels}")
-    return list(labels)
+    return given
