@@ -155,8 +155,9 @@ class FRFModel:
         self._proportional = isinstance(damping, Mapping)
         self._damping = _read_damping(damping, declared["frequency"].size)
         self._inferred = [x for x in self._damping if isinstance(x, str)]
-        names = read_declared(model, "names")
-        self.names = names and tuple(dict.fromkeys([*names, *self._inferred]))
+        self.names = read_declared(model, "names")
+        if self.names is not None:
+            self.names = tuple(dict.fromkeys([*self.names, *self._inferred]))
         bounds = dict(read_declared(model, "bounds") or {})
         self.bounds = bounds | dict.fromkeys(self._inferred, (0.0, np.inf))
         self._static: Static | None = None
