@@ -291,10 +291,10 @@ def shape_scatter(value: ArrayLike, found: NDArray[np.bool_]) -> Fields:
 
 
 def _refuse(
-    argument: str, array: Shapes, expected: str, wrong: NDArray[np.bool_]
+    argument: str, array: Shapes, expected: str, bad: NDArray[np.bool_]
 ) -> None:
     """Refuse ``(..., n_modes)`` numbers if one is wrong, and say which mode's it is."""
-    for *others, mode in np.argwhere(wrong):
+    for *others, mode in np.argwhere(bad):
         sensor = f" at sensor {others[-1] + 1}" if others else ""
         raise ValueError(
             f"{argument}: expected {expected}, but mode {mode + 1} has "

@@ -94,20 +94,17 @@ def read_pyoma2(
             "result: expected a result of pyOMA2 with Fn and Phi, such as "
             f"algorithm.result, got {type(result).__name__}"
         )
-    names = PYOMA2 | PYOMA2_DAMPING
-    given = {field: getattr(result, name, None) for field, name in names.items()}
-    if given["frequencies"] is None or given["shapes"] is None:
+    fields: Fields = {}
+    for field, name in (PYOMA2 | PYOMA2_DAMPING).items():
+        if (value := getattr(result, name, None)) is not None:
+            fields[field] = checks.complex_array(f"result.{name}", value)
+    if not {"frequencies", "shapes"} <= fields.keys():
         raise ValueError("result: no modes yet; call mpe(..) of pyOMA2 first")
     if not checks.flag("shape_sd", shape_sd):
-        del given["shape_sd"]
-    elif given["shape_sd"] is None:
+        fields.pop("shape_sd", None)
+    elif "shape_sd" not in fields:
         remedy = "run pyOMA2 with calc_unc=True, or leave shape_sd out"
         raise ValueError(f"result: no Phi_std; {remedy}")
-    fields = {
-        field: checks.complex_array(f"result.{names[field]}", value)
-        for field, value in given.items()
-        if value is not None
-    }
     for field in fields.keys() & PYOMA2_DAMPING.keys():
         fields[field] = _known(fields[field])
     hertz = np.asarray(fields["frequencies"].real)
@@ -155,12 +152,11 @@ def _find_modes(path: Path) -> list[Mode]:
     if inside:
         raise ValueError(f"{path}: it ends inside data set {len(sets)}; is it cut?")
     kinds = [data[0].split()[0] if data else "" for data in sets]
-    found = (
-        _read_header(f"{path}, data set {i}", kind, data)
-        for i, (kind, data) in enumerate(zip(kinds, sets, strict=True), 1)
-        if kind in LAYOUTS
-    )
-    modes = [mode for mode in found if mode is not None]
+    modes: list[Mode] = []
+    for i, (kind, data) in enumerate(zip(kinds, sets, strict=True), 1):
+        place = f"{path}, data set {i}"
+        mode = _read_header(place, kind, data) if kind in LAYOUTS else None
+        modes += [] if mode is None else [mode]
     if not modes:
         raise ValueError(
             f"{path}: expected modes, data sets 55 or 2414 of an analysis of type 2, 3 "
@@ -204,8 +200,7 @@ def _read_numbers(place: str, lines: Sequence[str]) -> Floats:
 
 def _known(damping: ArrayLike) -> Floats:
     """Return damping ratios, NaN where one is not above zero: none was identified."""
-    ratios = np.real(damping)
-    return np.where(ratios > 0, ratios, np.nan)
+    return np.where(np.real(damping) > 0, np.real(damping), np.nan)
 
 
 def _nodal_values(mode: Mode) -> dict[str, complex]:
