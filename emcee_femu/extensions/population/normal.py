@@ -95,12 +95,12 @@ class NormalPopulation(Report):
             except (TypeError, ValueError) as error:
                 raise type(error)(f"hyperpriors: {error}") from None
             hyperpriors = dict(prior.marginals)
-            lowest = dict(zip(prior.names, prior.bounds[:, 0].tolist(), strict=True))
-            for name in lowest.keys() & {f"sd {name}" for name in self.names}:
-                if lowest[name] < 0:
+            spreads = {f"sd {name}" for name in self.names}
+            for name, (low, _) in zip(prior.names, prior.bounds.tolist(), strict=True):
+                if name in spreads and low < 0:
                     raise ValueError(
                         f"hyperpriors[{name!r}]: expected a spread from zero on, got "
-                        f"one from {lowest[name]}; take halfnorm or lognorm"
+                        f"one from {low:g}; take halfnorm or lognorm"
                     )
         checks.set_fields(self, hyperpriors=hyperpriors)
 
