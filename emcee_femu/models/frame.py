@@ -441,8 +441,8 @@ def _find_free_dofs(
     free = np.ones((n_nodes, 6), dtype=bool)
     for node, held in supports.items():
         _check_node("supports", node, n_nodes)
-        names = DOFS if held == "all" else (held,) if held in DOFS else held
-        for dof in checks.parameter_names(f"supports[{node}]", names):
+        names = DOFS if held == "all" else (held,) if isinstance(held, str) else held
+        for dof in checks.sequence(f"supports[{node}]", names, "DOFs"):
             if dof not in DOFS:
                 raise ValueError(
                     f"supports[{node}]: expected DOFs out of {DOFS} or 'all', "

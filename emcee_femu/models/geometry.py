@@ -54,7 +54,7 @@ class Geometry:
         supports: Iterable[Node] = (),
     ) -> None:
         if not checks.mapping("nodes", nodes, "{node: coordinates}"):
-            raise ValueError("nodes: expected {node: coordinates}, got none")
+            raise TypeError("nodes: expected {node: coordinates}, got none")
         self.nodes: dict[Node, Floats] = {}
         for node, given in nodes.items():
             place = checks.shaped_array(f"nodes[{node!r}]", given, (2,), (3,))

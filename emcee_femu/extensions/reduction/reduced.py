@@ -201,7 +201,8 @@ def reduce_model(
             f"{type(model).__name__}"
         )
     box = _read_bounds(bounds, model.names)
-    tolerance = checks.real_number("tolerance", tolerance, 1e-9, 0.1)  # of rounding
+    # Below 1e-9 errors are rounding.
+    tolerance = checks.real_number("tolerance", tolerance, 1e-9, 0.1)
     n_tests = checks.whole_number("test_points", test_points, 2)
     max_solves = checks.whole_number(
         "max_solves", max_solves, n_tests + 1 + GOOD_IN_A_ROW
@@ -289,9 +290,8 @@ def _measure_speed_up(
     alone = isinstance(model, AssembledModel) or issparse(model.K0)
     rows = 1 if alone else BATCH
     some = {name: value[:rows] for name, value in batch.items()}
-    return (
-        _measure(lambda: model(some)) / rows / _measure(lambda: reduced(batch)) * BATCH
-    )
+    before = _measure(lambda: model(some)) / rows
+    return before / (_measure(lambda: reduced(batch)) / BATCH)
 
 
 def _measure(call: Callable[[], ModalSolution]) -> float:
