@@ -421,19 +421,23 @@ def gather_tangents(
         )
     tangents = {}
     for variable, by_name in derivatives.items():
-        if find(response, variable) is None:
-            raise ValueError(f"{label}: no variable {variable!r} in the response")
+        if find(response, variable) is None or not isinstance(by_name, Mapping):
+            raise ValueError(
+                f"{label}: expected {{parameter: array}} of variables of the response, "
+                f"got {variable!r}: {by_name!r}"
+            )
         shape = np.shape(read(response, variable))
         tangents[variable] = tangent = np.zeros((*shape, len(names)))
         unknown = [name for name in by_name if name not in names]
         if unknown:
             raise ValueError(f"{label}: no parameter {unknown}; there are {[*names]}")
         for name, value in by_name.items():
-            if np.shape(value) != shape:
+            slope = np.asarray(value)
+            if slope.shape != shape or slope.dtype.kind not in "fiu":
                 raise SolveError(
                     "wrong shape",
                     f"{label}: expected the derivative of {variable!r} by {name!r} of "
-                    f"shape {shape}, got {np.shape(value)}",
+                    f"shape {shape}, real, got {slope.shape} of {slope.dtype}",
                 )
-            tangent[..., names.index(name)] = value
+            tangent[..., names.index(name)] = slope
     return tangents
