@@ -39,8 +39,8 @@ from .models.function import FunctionModel as FunctionModel
 from .models.geometry import Geometry as Geometry
 from .models.mass_spring import MassSpringModel as MassSpringModel
 from .models.matrix import MatrixModel as MatrixModel
+from .models.matrix import StaticModel as StaticModel
 from .models.paired import PairedModel as PairedModel
-from .models.static import StaticModel as StaticModel
 from .moves import DEMCMove as DEMCMove
 from .moves import IndependenceMove as IndependenceMove
 from .moves import MetropolisMove as MetropolisMove

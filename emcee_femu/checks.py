@@ -27,6 +27,26 @@ def real_array(argument: str, value: ArrayLike, ndim: int | None = None) -> Floa
     return array
 
 
+def shaped_array(argument: str, value: ArrayLike, *shapes: tuple[int, ...]) -> Floats:
+    """Return ``value`` as a new array of finite numbers, of one of these shapes."""
+    array = real_array(argument, value)
+    shaped(argument, array.shape, *shapes)
+    return array
+
+
+def sequence(argument: str, value: object, form: str) -> list[Any]:
+    """Return what a sequence holds, refusing text and mappings; ``form`` names it."""
+    if not isinstance(value, Iterable) or isinstance(value, str | Mapping):
+        raise TypeError(f"{argument}: expected a sequence of {form}, got {value!r}")
+    return list(value)
+
+
+def function(argument: str, value: object) -> None:
+    """Refuse what cannot be called."""
+    if not callable(value):
+        raise TypeError(f"{argument}: expected a callable, got {value!r}")
+
+
 def numeric_array(argument: str, value: ArrayLike) -> Floats:
     """Return ``value`` as a new float64 array; NaN and infinity are allowed."""
     return np.array(_numbers(argument, value, "fiu", "real"), dtype=np.float64)
@@ -156,11 +176,12 @@ def mapping(argument: str, value: object, form: str) -> Mapping[str, Any]:
     return value
 
 
-def group(argument: str, value: object, form: str, size: int) -> tuple[Any, ...]:
-    """Return a sequence of ``size`` things, refusing others; ``form`` names them."""
-    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != size:
-        raise TypeError(f"{argument}: expected {form}, got {value!r}")
-    return tuple(value)
+def group(argument: str, value: object, form: str, *sizes: int) -> tuple[Any, ...]:
+    """Return a sequence of as many things, refusing others; ``form`` names them."""
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        if len(value) in sizes:
+            return tuple(value)
+    raise TypeError(f"{argument}: expected {form}, got {value!r}")
 
 
 def text(argument: str, value: object) -> str:

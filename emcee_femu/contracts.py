@@ -47,7 +47,8 @@ restore    move          ``restore(state)``: continue from the result of ``state
 ``{name: (n, ...)}``.
 """
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence, Sized
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence, Sized
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
@@ -77,6 +78,16 @@ def add_place(error: BaseException, place: object, names: Sequence[str]) -> None
     asked = error.args[:1] if isinstance(error, KeyError) else ()
     if any(name not in names for name in asked):  # another, or a number, as in p[0]
         error.add_note(f"the parameters are {', '.join(names)}, read by these names")
+
+
+@contextmanager
+def placed(place: object, names: Sequence[str]) -> Iterator[None]:
+    """Note on an error inside where a model raised it: see :func:`add_place`."""
+    try:
+        yield
+    except (Exception, SystemExit) as error:
+        add_place(error, place, names)
+        raise
 
 
 @dataclass(frozen=True)
@@ -132,6 +143,12 @@ class Variable:
         return int(np.prod(self.shape, dtype=int))
 
 
+def find(response: Response, name: str) -> Floats | None:
+    """Return a variable of a response, which is an object or a mapping, or None."""
+    is_mapping = isinstance(response, Mapping)
+    return response.get(name) if is_mapping else getattr(response, name, None)
+
+
 def read(response: Response, name: str) -> Floats:
     """Return a variable of a response, which is an object or a mapping.
 
@@ -144,16 +161,15 @@ def read(response: Response, name: str) -> Floats:
             f"model: expected ModalSolution or {{name: array}} of many parameter sets, "
             f"got {kind}; {WRAP}"
         )
-    mapped = isinstance(response, Mapping)
-    value: Floats | None = (
-        response.get(name) if mapped else getattr(response, name, None)
-    )
-    if value is None:
-        public = [k for k in dir(response) if k[0] != "_"]
-        arrays = [k for k in public if isinstance(getattr(response, k), np.ndarray)]
-        has = list(response) if mapped else arrays
-        raise TypeError(f"model: its {kind} has no {name!r}; there are {has}")
-    return value
+    if (value := find(response, name)) is not None:
+        return value
+    has = []
+    if isinstance(response, Mapping):
+        has = list(response)
+    else:
+        given = {k: getattr(response, k) for k in dir(response) if k[0] != "_"}
+        has = [k for k, v in given.items() if isinstance(v, np.ndarray)]
+    raise TypeError(f"model: its {kind} has no {name!r}; there are {has}")
 
 
 class Linearization(NamedTuple):
@@ -400,16 +416,22 @@ def gather_tangents(
         )
     tangents = {}
     for variable, by_name in by_variable.items():
+        if find(response, variable) is None or not isinstance(by_name, Mapping):
+            raise ValueError(
+                f"{label}: expected {{parameter: array}} of variables of the response, "
+                f"got {variable!r}: {by_name!r}"
+            )
         shape = np.shape(read(response, variable))
         tangents[variable] = tangent = np.zeros((*shape, len(names)))
         if unknown := [name for name in by_name if name not in names]:
             raise ValueError(f"{label}: no parameter {unknown}; there are {[*names]}")
         for name, value in by_name.items():
-            if np.shape(value) != shape:
+            slope = np.asarray(value)
+            if slope.shape != shape or slope.dtype.kind not in "fiu":
                 raise SolveError(
                     "wrong shape",
                     f"{label}: expected the derivative of {variable!r} by {name!r} of "
-                    f"shape {shape}, got {np.shape(value)}",
+                    f"shape {shape}, real, got {slope.shape} of {slope.dtype}",
                 )
-            tangent[..., names.index(name)] = value
+            tangent[..., names.index(name)] = slope
     return tangents

@@ -138,8 +138,8 @@ class TemperedMove(Move):
             walkers = np.concatenate([number + start for number, start in pairs])
             proposal = np.concatenate(proposed)
             factor = None if factors[0] is None else np.concatenate(factors)
-            step = walkers, proposal, factor, betas[walkers]
-            accepted[accept_or_reject(model, state, *step)] = True
+            step = walkers, proposal, factor
+            accepted[accept_or_reject(model, state, step, betas[walkers])] = True
         return accepted
 
     def _swap(self, random: RandomState, state: State, block: int, first: int) -> None:

@@ -118,7 +118,9 @@ def plot_shapes(
     inches = max(SHAPE_PANEL * columns, 3.6), 0.6 + rows * (0.4 + SHAPE_PANEL * slope)
     figure, panels = subplots(len(numbers), columns, inches)
     for axes, number, mode in zip(panels, numbers, drawn, strict=True):
-        _draw_mode(axes, geometry, view, [_scale(part, mode, size) for part in mode])
+        largest = max(np.linalg.norm(move) for part in mode for move in part.values())
+        factor = LARGEST_DRAWN * size / max(float(largest), np.finfo(float).tiny)
+        _draw_mode(axes, geometry, view, mode, factor)
         axes.set_title(_title(solved, number - 1), fontsize=9)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         axes.set(xticks=[], yticks=[], frame_on=False)
@@ -184,13 +186,6 @@ def _move_nodes(geometry: Geometry, values: Mapping[Hashable, float]) -> Moves:
     return moves
 
 
-def _scale(moves: Moves, mode: Sequence[Moves], size: float) -> Moves:
-    """Scale a mode: its largest displacement is a share of the structure's size."""
-    largest = max(np.linalg.norm(move) for part in mode for move in part.values())
-    factor = LARGEST_DRAWN * size / max(float(largest), np.finfo(float).tiny)
-    return {node: factor * move for node, move in moves.items()}
-
-
 def _choose_view(nodes: Floats, moves: Sequence[Floats]) -> Floats:
     """Return where the axes x, y, z lead on the page, ``(2, 3)``."""
     largest = np.abs(moves).max(axis=0)
@@ -207,12 +202,12 @@ def _choose_view(nodes: Floats, moves: Sequence[Floats]) -> Floats:
 
 
 def _draw_mode(
-    axes: Axes, geometry: Geometry, view: Floats, mode: Sequence[Moves]
+    axes: Axes, geometry: Geometry, view: Floats, mode: Sequence[Moves], factor: float
 ) -> None:
-    """Draw the structure at rest and moved, and what sensors say."""
+    """Draw the structure at rest and moved by a factor, and what sensors say."""
 
     def place(node: Hashable, moves: Moves) -> Floats:
-        return view @ (geometry.nodes[node] + moves.get(node, 0.0))
+        return view @ (geometry.nodes[node] + factor * moves.get(node, np.zeros(3)))
 
     structure, predicted, measured = mode
     rest: Style = {"colors": "0.75", "linewidths": 1.0, "label": "at rest"}

@@ -14,7 +14,6 @@ from .term import (
     MODEL_ERROR,
     Deviations,
     Term,
-    add_discrepancy,
     choose_error,
     doubt_percent,
     error_array,
@@ -105,6 +104,7 @@ class DisplacementTerm(Term):
         turned = [along_axis(point) for point in labels["point"]]
         labels["point"] = [point for point, _ in turned]
         self.measured = u = u * [sign for _, sign in turned]
+        self.stated_sd, self.scale = self.sd.ravel(), u.ravel()
         self.reads = {"displacement": Variable(labels)}
         self.observed, self.error_sd = {"displacement": u}, {"displacement": self.sd}
 
@@ -113,11 +113,7 @@ class DisplacementTerm(Term):
         cases, points = self.measured.shape
         u = read(response, "displacement")[:, :cases, :points]
         r = (u - self.measured).reshape(len(u), -1)
-        sd = self.sd.ravel()
-        if self.discrepancy is not None:
-            sigma = parameters[self.discrepancy][:, None]
-            sd = add_discrepancy(sd**2, sigma * self.measured.ravel())
-        return r, np.broadcast_to(sd, r.shape)
+        return r, np.broadcast_to(self.spread(parameters), r.shape)
 
     def restore(self, deviations: Floats) -> Floats:
         """Return displacements ``(n, cases, points)``."""
@@ -130,7 +126,7 @@ def _read_labels(
     """Return one label for each; None if they correspond by position."""
     if labels is None:
         return [None] * size
-    array = np.asarray(labels, dtype=object)
-    if array.shape != (size,) or len(set(array)) != size:
+    given = checks.sequence(argument, labels, "labels")
+    if len(given) != size or len({*given}) != size:
         raise ValueError(f"{argument}: expected {size} different labels, got {labels}")
-    return list(array)
+    return given

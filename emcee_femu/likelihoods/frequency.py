@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..contracts import Floats, Parameters, Response, modal_variables, read
+from ..contracts import Floats, Parameters, Response, find, modal_variables, read
 from ..measurements import Measurements, modes
 from .term import (
     MODEL_ERROR,
     Deviations,
     Term,
-    add_discrepancy,
     choose_error,
     doubt_percent,
     error_array,
@@ -151,7 +148,7 @@ class FrequencyTerm(Term):
                 doubt_percent(error, numbers)
             self.beta[:] = numbers if error == "beta" else numbers**-2
             self.beta[unknown] = np.inf  # the discrepancy is all of their error
-        self._sd = self.beta**-0.5
+        self.stated_sd = self.beta**-0.5
         self.reads = modal_variables(self.n_modes)
         self.observed = {"frequency": self.measured}
         relative = np.sqrt(self._axes**2 @ (1 / self.beta))
@@ -159,10 +156,7 @@ class FrequencyTerm(Term):
 
     def constants(self, response: Response) -> Floats | float:
         """Return each mode's constant, minus the penalty if it is unpaired."""
-        unpaired = getattr(response, "unpaired", None)
-        if isinstance(response, Mapping):
-            unpaired = response.get("unpaired")
-        if unpaired is None:
+        if (unpaired := find(response, "unpaired")) is None:
             return self.log_constants
         return np.asarray(self.log_constants - UNPAIRED * unpaired[:, : self.n_modes])
 
@@ -177,10 +171,8 @@ class FrequencyTerm(Term):
         r = predicted / self.measured - 1.0
         if not self.separate:
             r = r @ self._axes
-        sd = self._sd
-        if self.discrepancy is not None:
-            sd = add_discrepancy(1 / self.beta, parameters[self.discrepancy][:, None])
-        return r, sd * np.ones_like(r)  # np.broadcast_to takes four times as long
+        # np.broadcast_to takes four times as long
+        return r, self.spread(parameters) * np.ones_like(r)
 
     def restore(self, deviations: Floats) -> Floats:
         """Return frequencies ``(n, n_modes)`` in Hz."""

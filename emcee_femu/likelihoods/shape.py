@@ -12,7 +12,6 @@ from ..contracts import Floats, PairedSolution, Parameters, Response, Variable, 
 from ..measurements import Measurements
 from ..models.paired import at_sensors
 from .term import (
-    LEAST_SD,
     MOST_RELATIVE,
     Deviations,
     Term,
@@ -143,6 +142,9 @@ class ShapeTerm(Term):
             whole = log_normal(np.zeros(1), self.sd[there]).sum()
             across = there.sum() - self.n_modes
             self.log_constants = whole / across + 0.5 * np.log(2 * np.pi)
+        each = np.ones(self.n_modes) if self.delta is None else self.delta
+        by_datum = np.broadcast_to(each, shapes.shape)[self._across]
+        self.stated_sd = np.zeros(1) if discrepancy else by_datum
         # Sensors whose DOFs are not known are in the order of the model's rows.
         dofs = [None] * n_sensors if self._dofs is None else self._dofs.tolist()
         coords = {"dof": dofs, "mode": range(1, self.n_modes + 1)}
@@ -181,14 +183,7 @@ class ShapeTerm(Term):
         turned = unit - 2 * mirror * (mirror * unit).sum(axis=1, keepdims=True)
         turned[:, second, modes] += length == 0  # a shape of zeros has a MAC of 0
         r = (turned * (1.0 if self.sd is None else size))[:, self._across]
-        return r, np.broadcast_to(self._spread(parameters), r.shape)
-
-    def _spread(self, parameters: Parameters) -> Floats:
-        """Return the standard deviations of deviations, sensor after sensor."""
-        if self.discrepancy is not None:
-            return np.maximum(parameters[self.discrepancy], LEAST_SD)[:, None]
-        each = np.ones(self.n_modes) if self.delta is None else self.delta
-        return np.broadcast_to(each, self._across.shape)[self._across]
+        return r, np.broadcast_to(self.spread(parameters), r.shape)
 
     @property
     def _across(self) -> NDArray[np.bool_]:
@@ -201,8 +196,8 @@ class ShapeTerm(Term):
         """Return each mode's log-likelihood ``(n, n_modes)``; empty without its MAC."""
         if self.sd is not None or "mac" not in stored:
             return {}
-        spread = self._spread(parameters) if self.delta is None else self.delta
-        variance = spread**2
+        delta = self.spread(parameters) if self.delta is None else self.delta
+        variance = np.square(delta)
         directions = self._across.sum(axis=0)
         lost = 1 - stored["mac"][:, : self.n_modes]
         with np.errstate(over="ignore"):  # so far off the likelihood is zero

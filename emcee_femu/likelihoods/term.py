@@ -65,6 +65,8 @@ class Term:
         error_sd: Their standard deviations, 0 for values taken as exact.
         log_constants: c, from units and normalisation, one number or ``(m,)``.
         separate: Whether each deviation belongs to one datum.
+        stated_sd: The standard deviations of deviations that are known, ``(m,)``.
+        scale: What the inferred error is relative to, one number or ``(m,)``.
     """
 
     gaussian: bool = True
@@ -77,6 +79,8 @@ class Term:
     error_sd: Mapping[str, Floats] = {}
     log_constants: Floats | float = 0.0
     separate: bool = True
+    stated_sd: Floats | float = 0.0
+    scale: Floats | float = 1.0
 
     def label(self, name: str, discrepancy: str | None = None) -> None:
         """Set the name, and the discrepancy as the only parameter that is read."""
@@ -101,6 +105,17 @@ class Term:
         The log-likelihood is the sum of those of N(r; 0, sd), up to a constant.
         """
         return None
+
+    def spread(self, parameters: Parameters) -> Floats | float:
+        """Return the standard deviations, the stated and the inferred one together.
+
+        They are ``(m,)``, or ``(n, m)`` if one is inferred.
+        """
+        if self.discrepancy is None:
+            return self.stated_sd
+        inferred = parameters[self.discrepancy][:, None] * self.scale
+        variances = self.stated_sd**2 + inferred**2
+        return np.asarray(np.sqrt(np.maximum(variances, LEAST_SD**2)))
 
     def constants(self, response: Response) -> Floats | float:
         """Return c, from which a response may subtract a penalty."""
@@ -275,11 +290,6 @@ def log_normal(r: Floats, sd: Floats) -> Floats:
     values += 2.0 * np.log(sd) + np.log(2 * np.pi)
     values *= -0.5
     return values
-
-
-def add_discrepancy(variances: Floats, discrepancy: Floats) -> Floats:
-    """Return standard deviations of independent errors, one of which is inferred."""
-    return np.asarray(np.sqrt(np.maximum(variances + discrepancy**2, LEAST_SD**2)))
 
 
 def linearize_normal(

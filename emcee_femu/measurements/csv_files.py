@@ -180,5 +180,6 @@ def _read_numbers(
 def _trim(row: list[str]) -> list[str]:
     """Return the cells without surrounding blanks and without empty ones at the end."""
     cells = [cell.strip() for cell in row]
-    last = max((i for i, cell in enumerate(cells, 1) if cell), default=0)
-    return cells[:last]
+    while cells and not cells[-1]:
+        cells.pop()
+    return cells

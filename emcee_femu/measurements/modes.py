@@ -76,9 +76,9 @@ def phase_collinearity(raw: Shapes, stated: ArrayLike | None = None) -> Floats:
         ratio = np.abs((unit * unit).sum(axis=0)) / (np.abs(unit) ** 2).sum(axis=0)
         stated = np.minimum(ratio**2, 1.0)  # above 1 by rounding only
     stated = [1.0] * n_modes if stated is None else stated
-    mpc = checks.real_array("phase_collinearity", stated)
-    if mpc.shape != (n_modes,) or mpc.min() < 0 or mpc.max() > 1:
-        raise ValueError(f"phase_collinearity: expected {n_modes} in [0, 1], got {mpc}")
+    mpc = checks.shaped_array("phase_collinearity", stated, (n_modes,))
+    if mpc.min() < 0 or mpc.max() > 1:
+        raise ValueError(f"phase_collinearity: expected [0, 1], got {mpc}")
     return mpc
 
 
@@ -154,8 +154,7 @@ def covariance(value: ArrayLike | None, n_modes: int) -> Floats | None:
     """Return a symmetric positive definite ``(n_modes, n_modes)``; None for None."""
     if value is None:
         return None
-    matrix = checks.real_array("covariance", value, 2)
-    checks.shaped("covariance", matrix.shape, (n_modes, n_modes))
+    matrix = checks.shaped_array("covariance", value, (n_modes, n_modes))
     deviations("covariance (diagonal)", np.diag(matrix), (n_modes,))
     checks.covariance_factor("covariance", matrix)
     return 0.5 * (matrix + matrix.T)  # printed digits are rounded
@@ -166,8 +165,7 @@ def labels(value: Sequence[str] | None, n_sensors: int) -> tuple[str, ...]:
     if value is None:
         return tuple(f"s{i + 1}" for i in range(n_sensors))
     names = checks.parameter_names("sensors", value)
-    if len(names) != n_sensors:
-        raise ValueError(f"sensors: expected {n_sensors} labels, got {names}")
+    checks.shaped("sensors", (len(names),), (n_sensors,))
     return names
 
 
@@ -236,14 +234,16 @@ def frequency_scatter(value: ArrayLike, correlated: bool) -> Fields:
 
 def _read_tests(value: ArrayLike) -> Floats:
     """Return frequencies ``(n_tests, n_modes)``, NaN where a test missed a mode."""
-    rows = value if isinstance(value, list | tuple) else ()
-    counts = [len(row) for row in rows if isinstance(row, list | tuple)]
-    if len({*counts}) > 1:
+    try:
+        tests = checks.numeric_array("frequencies", value)
+    except ValueError as error:
+        counts = [np.size(row) for row in np.asarray(value, dtype=object)]
+        if len({*counts}) < 2:
+            raise
         raise ValueError(
             f"frequencies: expected the same modes in each test, got {counts} "
             "frequencies; write nan where a test missed a mode"
-        )
-    tests = checks.numeric_array("frequencies", value)
+        ) from error
     if tests.ndim != 2 or len(tests) < 2 or not tests.size:
         raise ValueError(
             f"frequencies: expected (n_tests >= 2, n_modes), got {tests.shape}"
@@ -290,9 +290,11 @@ def shape_scatter(value: ArrayLike, found: NDArray[np.bool_]) -> Fields:
     return {"shapes": mean, "shape_sd": sd}
 
 
-def _refuse(argument: str, array: Any, expected: str, wrong: NDArray[np.bool_]) -> None:
+def _refuse(
+    argument: str, array: Shapes, expected: str, bad: NDArray[np.bool_]
+) -> None:
     """Refuse ``(..., n_modes)`` numbers if one is wrong, and name its mode."""
-    for *others, mode in np.argwhere(wrong):
+    for *others, mode in np.argwhere(bad):
         sensor = f" at sensor {others[-1] + 1}" if others else ""
         raise ValueError(
             f"{argument}: expected {expected}, but mode {mode + 1} has "

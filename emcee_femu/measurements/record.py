@@ -295,7 +295,7 @@ class Measurements(Report):
     @classmethod
     def from_pyoma2(
         cls,
-        result: Any,
+        result: object,
         *,
         shape_sd: bool = False,
         modes: Sequence[int] | None = None,

@@ -4,10 +4,10 @@ import re
 import warnings
 from collections.abc import Sequence
 from os import PathLike
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..contracts import Floats
@@ -34,6 +34,11 @@ LAYOUTS = {
     "55": (6, slice(8, 9), [0, 2, 3], 0),
     "2414": (9, slice(12, 14), [1, 4, 5], 6),
 }
+
+
+# Attributes of pyOMA2's results, by our names.
+PYOMA2 = {"frequencies": "Fn", "shapes": "Phi", "sd": "Fn_std", "shape_sd": "Phi_std"}
+PYOMA2_DAMPING = {"damping": "Xi", "damping_sd": "Xi_std"}
 
 
 class Mode(NamedTuple):
@@ -80,28 +85,28 @@ def read_uff(
     }
 
 
-def read_pyoma2(result: Any, shape_sd: bool, numbers: Sequence[int] | None) -> Fields:
+def read_pyoma2(
+    result: object, shape_sd: bool, numbers: Sequence[int] | None
+) -> Fields:
     """Return the arguments of :class:`Measurements` that a pyOMA2 result holds."""
-    if not (hasattr(result, "Fn") and hasattr(result, "Phi")):
+    if not {"Fn", "Phi"} <= {*dir(result)}:
         raise TypeError(
             "result: expected a result of pyOMA2 with Fn and Phi, such as "
             f"algorithm.result, got {type(result).__name__}"
         )
-    if result.Fn is None or result.Phi is None:
+    fields: Fields = {}
+    for field, name in (PYOMA2 | PYOMA2_DAMPING).items():
+        if (value := getattr(result, name, None)) is not None:
+            fields[field] = checks.complex_array(f"result.{name}", value)
+    if not {"frequencies", "shapes"} <= fields.keys():
         raise ValueError("result: no modes yet; call mpe(..) of pyOMA2 first")
-    names = {"frequencies": "Fn", "shapes": "Phi", "sd": "Fn_std"}
-    if checks.flag("shape_sd", shape_sd):
-        names["shape_sd"] = "Phi_std"
-        if getattr(result, "Phi_std", None) is None:
-            remedy = "run pyOMA2 with calc_unc=True, or leave shape_sd out"
-            raise ValueError(f"result: no Phi_std; {remedy}")
-    of_damping = {"damping": "Xi", "damping_sd": "Xi_std"}
-    fields = {
-        field: checks.complex_array(f"result.{name}", value)
-        for field, name in (names | of_damping).items()
-        if (value := getattr(result, name, None)) is not None
-    }
-    fields |= {field: _known(fields[field]) for field in of_damping if field in fields}
+    if not checks.flag("shape_sd", shape_sd):
+        fields.pop("shape_sd", None)
+    elif "shape_sd" not in fields:
+        remedy = "run pyOMA2 with calc_unc=True, or leave shape_sd out"
+        raise ValueError(f"result: no Phi_std; {remedy}")
+    for field in fields.keys() & PYOMA2_DAMPING.keys():
+        fields[field] = _known(fields[field])
     hertz = np.asarray(fields["frequencies"].real)
     if any(value.shape[-1:] != hertz.shape for value in fields.values()):
         return fields  # Measurements says what does not fit
@@ -146,12 +151,12 @@ def _find_modes(path: Path) -> list[Mode]:
                 sets[-1].append(line)
     if inside:
         raise ValueError(f"{path}: it ends inside data set {len(sets)}; is it cut?")
-    found: list[Mode | None] = []
     kinds = [data[0].split()[0] if data else "" for data in sets]
+    modes: list[Mode] = []
     for i, (kind, data) in enumerate(zip(kinds, sets, strict=True), 1):
-        if kind in LAYOUTS:
-            found.append(_read_header(f"{path}, data set {i}", kind, data))
-    modes = [mode for mode in found if mode is not None]
+        place = f"{path}, data set {i}"
+        mode = _read_header(place, kind, data) if kind in LAYOUTS else None
+        modes += [] if mode is None else [mode]
     if not modes:
         raise ValueError(
             f"{path}: expected modes, data sets 55 or 2414 of an analysis of type 2, 3 "
@@ -193,9 +198,9 @@ def _read_numbers(place: str, lines: Sequence[str]) -> Floats:
     return np.array(found, dtype=np.float64)
 
 
-def _known(damping: Any) -> Any:
+def _known(damping: ArrayLike) -> Floats:
     """Return damping ratios, NaN where one is not above zero: none was identified."""
-    return np.where(np.asarray(damping) > 0, damping, np.nan)
+    return np.where(np.real(damping) > 0, np.real(damping), np.nan)
 
 
 def _nodal_values(mode: Mode) -> dict[str, complex]:

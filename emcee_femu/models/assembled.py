@@ -6,7 +6,7 @@ from functools import partial
 from typing import Self, TypeAlias
 
 import numpy as np
-from scipy.sparse import csc_array, issparse
+from scipy.sparse import issparse
 
 from .. import checks
 from ..contracts import (
@@ -14,12 +14,12 @@ from ..contracts import (
     Floats,
     ModalSolution,
     Parameters,
-    add_place,
     modal_variables,
+    placed,
     show_declared,
 )
-from .eigen_dense import Eigenproblem, find_blurred, join
-from .eigen_sparse import SparseEigenproblem
+from .eigen_dense import Eigenproblem, Wanted, join
+from .eigen_sparse import DenseProblem, SparseEigenproblem
 from .inputs import Dofs, Matrix, Where, choose_dofs, describe, read_batch, read_matrix
 
 MATRIX_STEP = 1e-4  # of a parameter's value: matrices are then known to some 1e-8
@@ -78,8 +78,7 @@ class AssembledModel:
         skip: int = 0,
         shapes: bool | Dofs = False,
     ) -> None:
-        if not callable(assemble):
-            raise TypeError(f"assemble: expected a callable, got {assemble!r}")
+        checks.function("assemble", assemble)
         self.assemble, self.names = assemble, checks.parameter_names("names", names)
         self.n_modes = checks.whole_number("n_modes", n_modes, 1)
         self.modes = tuple(range(1, self.n_modes + 1))
@@ -152,11 +151,8 @@ class AssembledModel:
         for i in range(n):
             row = {name: float(values[name][i]) for name in self.names}
             where = partial(describe, {k: np.array([v]) for k, v in row.items()}, row)
-            try:
+            with placed(row, self.names):
                 results.append(self._solve_one(row, by, where))
-            except (Exception, SystemExit) as error:
-                add_place(error, row, self.names)
-                raise
         return join(results)
 
     def _solve_one(
@@ -170,22 +166,18 @@ class AssembledModel:
             for units, high, low in zip((K, M), ahead, behind, strict=True):
                 units.append((high - low) / (2 * step))
         label = f"the mass matrix at {where(0)}"
-        problem: SparseEigenproblem | Eigenproblem
-        diagonals = (A[0].diagonal()[None] for A in (K, M))
-        if issparse(K[0]) or (self._output is None and find_blurred(*diagonals)[0]):
-            K, M = ([csc_array(unit) for unit in units] for units in (K, M))
-            wanted = self.modes, self.skip, self.shape_dofs
-            problem = SparseEigenproblem(K, M, *wanted, label)
+        problem: SparseEigenproblem | DenseProblem | Eigenproblem
+        wanted = Wanted(self.modes, self.skip, self.shape_dofs)
+        if self._output is None:
+            kind = SparseEigenproblem if issparse(K[0]) else DenseProblem
+            problem = kind(K, M, wanted, label)
         else:
-            selected, output = self.skip + np.arange(self.n_modes), self._output
-            if output is None:
-                output = np.eye(len(K[0]))[list(self.shape_dofs)]
-            parts = np.array(K), np.array(M), selected, self.skip, output
-            problem = Eigenproblem(*parts, label)
+            parts = np.array(K), np.array(M)
+            problem = Eigenproblem(*parts, wanted, self._output, label)
         still = np.zeros((1, len(by)))
         each = np.eye(len(by))[:, None]
         slopes = {name: (one, one) for name, one in zip(by, each, strict=True)}
-        return problem.jacobian(still, still, slopes, where)
+        return problem.solve([still, still], where, slopes)
 
 
 def _project(

@@ -5,21 +5,14 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
 from ..contracts import Floats, Parameters
-from .inputs import (
-    Matrix,
-    check_positive,
-    columns,
-    describe,
-    read_batch,
-    read_matrix,
-)
+from .inputs import Matrix, Where, describe, read_batch, read_matrix
 
 # Of a parameter's value: the differences are exact up to fourth powers.
 COEFFICIENT_STEP = 1e-3
@@ -62,7 +55,7 @@ class Coefficients:
         every = (named for part in self.parts for named, _ in part.values())
         return tuple(dict.fromkeys(name for named in every for name in named))
 
-    def __call__(self, parameters: Parameters) -> Any:
+    def __call__(self, parameters: Parameters) -> tuple[list[Floats], Where]:
         """Return the coefficients ``(n, n_units)`` of each sum; what names a set.
 
         Raises:
@@ -70,14 +63,18 @@ class Coefficients:
                 or a function does not return n finite numbers.
         """
         values, n = read_batch(parameters, self.names)
-        if self.positive:
-            check_positive(columns(values, self.names, n), self.names, self.positive)
+        for name in self.names if self.positive else ():
+            if not (values[name] > 0).all():
+                raise ValueError(
+                    f"parameters: the {self.positive} {name!r} must be above zero, got "
+                    f"{values[name].min():g}; give its prior a lower bound"
+                )
         rows = [
             np.array([_evaluate(label, part[label], values, n) for label in part])
             for part in self.parts
         ]
         where = partial(describe, values, self.names)
-        return *(each.reshape(-1, n).T for each in rows), where
+        return [each.reshape(-1, n).T for each in rows], where
 
     def slopes(self, parameters: Parameters) -> dict[str, tuple[Floats, ...]]:
         """Return how they change with each parameter, ``(n, n_units)`` of each sum."""
@@ -139,11 +136,8 @@ def _evaluate(label: str, factor: Coefficient, values: Parameters, n: int) -> Fl
         return values[label]
     result = function(**{name: values[name] for name in named})
     numbers = checks.numeric_array(f"function of {label!r}", result)
-    if numbers.shape != (n,):
-        raise ValueError(
-            f"function of {label!r}: expected numbers ({n},) for arrays of that shape, "
-            f"got {numbers.shape}"
-        )
+    remedy = f"it is given arrays ({n},)"
+    checks.shaped(f"function of {label!r}", numbers.shape, (n,), remedy=remedy)
     if not np.isfinite(numbers).all():
         row = int(np.argmin(np.isfinite(numbers)))
         raise ValueError(

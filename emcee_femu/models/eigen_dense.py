@@ -19,13 +19,14 @@ Source: Fox and Kapoor, AIAA J. 6 (1968) 2426, doi:10.2514/3.5008.
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TypeAlias
+from functools import partial
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..contracts import Derivatives, Floats, ModalSolution, RepeatedModes
-from .inputs import Matrix, Where
+from .inputs import Matrix, Weights, Where
 
 EPS = float(np.finfo(float).eps)
 RIGID_RATIO = 1e-4  # a rigid-body eigenvalue is below this share of the next one
@@ -40,6 +41,20 @@ PARTING = 1e-7  # share of a derivative's terms that may be left by rounding
 Slopes: TypeAlias = Mapping[str, tuple[Floats, ...]]
 
 
+class Wanted(NamedTuple):
+    """The modes that are wanted of an eigenproblem.
+
+    Attributes:
+        modes: Which elastic modes, 1 = the lowest, ascending.
+        skip: Number of rigid-body modes below them, checked at each solve.
+        dofs: Where mass-normalised shapes are wanted; empty for none.
+    """
+
+    modes: Sequence[int]
+    skip: int
+    dofs: Sequence[int]
+
+
 class Eigenproblem:
     r"""``K(a) = K0 + sum a_i K_i`` and ``M(b) = M0 + sum b_j M_j``, dense.
 
@@ -52,27 +67,26 @@ class Eigenproblem:
     Args:
         K: Stiffness matrices: K0, then those of unit coefficients, ``(1 + n_k, N, N)``.
         M: Mass matrices, likewise, ``(1 + n_m, N, N)``.
-        selected: Indices of the wanted modes, 0 = the lowest, rigid ones included.
-        skip: Number of rigid-body modes, checked at each solve.
+        wanted: The wanted modes.
         output: Maps mass-normalised shapes to what is returned of them, ``(n_out, N)``;
             without rows for frequencies alone.
         label: What M0 is called in a message.
+
+    Attributes:
+        stiffness: K as a function of its coefficients ``(n_k,)``.
+        mass: M as a function of its coefficients ``(n_m,)``.
 
     Raises:
         ValueError: If the mass is constant and not positive definite.
     """
 
     def __init__(
-        self,
-        K: Floats,
-        M: Floats,
-        selected: NDArray[np.intp],
-        skip: int,
-        output: Floats,
-        label: str = "M0",
+        self, K: Floats, M: Floats, wanted: Wanted, output: Floats, label: str = "M0"
     ) -> None:
-        self.selected, self.skip, self.folded = selected, skip, len(M) == 1
+        self.skip, self.folded = wanted.skip, len(M) == 1
+        self.selected = self.skip + np.array(wanted.modes) - 1
         self.K, self.M, self.output = K, M, output
+        self.stiffness, self.mass = partial(combine_one, K), partial(combine_one, M)
         if self.folded:  # from here on y stands for the shapes
             try:
                 inverse = np.linalg.inv(np.linalg.cholesky(M[0]))
@@ -84,31 +98,35 @@ class Eigenproblem:
                 ) from None
             self.K, self.output = inverse @ K @ inverse.T, output @ inverse.T
 
-    def solve(self, k: Floats, m: Floats, describe: Where) -> ModalSolution:
+    def solve(
+        self, weights: Weights, describe: Where, slopes: Slopes | None = None
+    ) -> tuple[ModalSolution, Derivatives]:
         """Solve for coefficients ``k (n, n_k)`` and ``m (n, n_m)``.
 
-        ``describe(i)`` names parameter set i in an error message.
-        """
-        eigenvalues, shapes = self._decompose(k, m, describe, len(self.output) > 0)
-        return self._select(eigenvalues, shapes)
-
-    def jacobian(
-        self, k: Floats, m: Floats, slopes: Slopes, describe: Where
-    ) -> tuple[ModalSolution, Derivatives]:
-        """Return what :meth:`solve` does, and its derivatives, from one solve.
-
-        ``slopes`` say how ``k`` and ``m`` change with each parameter.
+        ``describe(i)`` names parameter set i in an error message. ``slopes`` say how
+        ``k`` and ``m`` change with each parameter, by which there are derivatives.
 
         Raises:
-            ValueError: As :meth:`solve` does, or if modes coincide that part as a
+            ValueError: If there are no such modes; or if modes coincide that part as a
                 parameter changes: which of them is the lower one changes there.
         """
-        eigenvalues, every = self._decompose(k, m, describe, True)
-        solution, selected = self._select(eigenvalues, every), self.selected
-        wanted, squares = every[:, :, selected], eigenvalues[:, None, selected]
+        (k, m), selected = weights, self.selected
+        shaped = len(self.output) > 0
+        eigenvalues, every = self._decompose(k, m, describe, shaped or bool(slopes))
+        wanted = every.take(selected, axis=2)
+        solution = ModalSolution(
+            np.sqrt(eigenvalues.take(selected, axis=1)) / (2 * np.pi),
+            self.output @ wanted if shaped else None,
+        )
+        derivatives: Derivatives = {"frequency": {}}
+        if shaped:
+            derivatives["shapes"] = {}
+        if not slopes:
+            return solution, derivatives
+        squares = eigenvalues[:, None, selected]
         together = self._find_clusters(eigenvalues, every, slopes, describe)
         # Without shapes nothing but the diagonal of H is needed: of other modes none.
-        shaped, count = len(self.output) > 0, np.arange(len(selected))
+        count = np.arange(len(selected))
         left, diagonal = (every, selected) if shaped else (wanted, count)
         in_K, in_M = (
             np.array([left.swapaxes(1, 2) @ (A @ wanted) for A in part[1:]]).reshape(
@@ -119,9 +137,6 @@ class Eigenproblem:
         gaps = squares - eigenvalues[:, :, None]
         inverse = np.where(together, 0.0, 1.0 / np.where(together, 1.0, gaps))
         scale = 8 * np.pi**2 * solution.frequencies
-        derivatives: Derivatives = {"frequency": {}}
-        if shaped:
-            derivatives["shapes"] = {}
         for name, (by_k, by_m) in slopes.items():
             T = _weigh(in_M, by_m)
             H = _weigh(in_K, by_k) - squares * T
@@ -131,19 +146,12 @@ class Eigenproblem:
                 derivatives["shapes"][name] = self.output @ (every @ turn)
         return solution, derivatives
 
-    def _select(self, eigenvalues: Floats, shapes: Floats) -> ModalSolution:
-        """Return the wanted modes of all."""
-        frequencies = np.sqrt(eigenvalues.take(self.selected, axis=1)) / (2 * np.pi)
-        if not len(self.output):
-            return ModalSolution(frequencies)
-        wanted = shapes.take(self.selected, axis=2)
-        return ModalSolution(frequencies, self.output @ wanted)
-
     def _decompose(
         self, k: Floats, m: Floats, describe: Where, vectors: bool
     ) -> tuple[Floats, Floats]:
         """Return eigenvalues, and shapes, none unless ``vectors``."""
-        A, basis = combine(self.K, k), self.K[:0]  # folded: the shapes are y
+        A = combine(self.K, k)
+        y = basis = self.K[:0]  # folded: the shapes are y
         if not self.folded:
             mass = combine(self.M, m)
             try:
@@ -155,7 +163,6 @@ class Eigenproblem:
                 ) from None
             basis = inverse.transpose(0, 2, 1)
             A = inverse @ A @ basis
-        y = np.empty(0)
         try:
             if vectors:
                 eigenvalues, y = np.linalg.eigh(A)
@@ -207,6 +214,11 @@ def combine(terms: Floats, coefficients: Floats) -> Floats:
     total: Floats = np.einsum("np,pij->nij", coefficients, terms[1:])
     total += terms[0]
     return total
+
+
+def combine_one(terms: Floats, coefficients: Floats) -> Floats:
+    """Return the sum for the coefficients ``(n_units,)`` of one parameter set."""
+    return np.asarray(combine(terms, coefficients[None])[0])
 
 
 def join(
@@ -286,10 +298,10 @@ def _compare(rounding: float, eigenvalue: float) -> str:
 
 
 def at_row(slopes: Slopes, row: int) -> Slopes:
-    """Return the slopes of one parameter set, ``(n_k,)`` and ``(n_m,)``."""
+    """Return the slopes of one parameter set, ``(1, n_k)`` and ``(1, n_m)``."""
     return {
-        name: (by_k[row % len(by_k)], by_m[row % len(by_m)])
-        for name, (by_k, by_m) in slopes.items()
+        name: tuple(part[[row % len(part)]] for part in parts)
+        for name, parts in slopes.items()
     }
 
 

@@ -19,6 +19,7 @@ Source: Nelson, AIAA J. 14 (1976) 1201, doi:10.2514/3.7211.
 """
 
 from collections.abc import Sequence
+from functools import cached_property, partial
 from typing import TypeAlias
 
 import numpy as np
@@ -26,9 +27,20 @@ from scipy.linalg import qr
 from scipy.sparse import csc_array, diags_array
 
 from ..contracts import Derivatives, Floats, ModalSolution, RepeatedModes
-from .eigen_dense import EPS, REPEATED, Slopes, at_row, check_elastic, refuse_parting
+from .eigen_dense import (
+    EPS,
+    REPEATED,
+    Eigenproblem,
+    Slopes,
+    Wanted,
+    at_row,
+    check_elastic,
+    find_blurred,
+    join,
+    refuse_parting,
+)
 from .factorization import Factor, factor_definite, factor_indefinite
-from .inputs import Where
+from .inputs import Matrix, Weights, Where
 
 SEMIDEFINITE = 1e-9  # relative eigenvalue of a mass matrix that counts as zero
 SHAPE_TOLERANCE = 1e-9  # of mode shapes; an eigenvalue errs by the square
@@ -38,6 +50,7 @@ EQUAL_MODES = 1e-6
 # Squared length, of one, that rounding leaves of what is in the space.
 LANCZOS_DEPENDENT = 1e-14
 
+Parts: TypeAlias = Sequence[Matrix]  # the constant one, those of unit coefficients
 Pairs: TypeAlias = tuple[Floats, Floats]  # eigenvalues (m,), vectors (N, m)
 
 
@@ -89,9 +102,7 @@ class SparseEigenproblem:
     Args:
         K: Stiffness matrices: K0, then those of unit coefficients, each ``(N, N)``.
         M: Mass matrices, likewise.
-        modes: Which elastic modes to return, 1 = the lowest, ascending.
-        skip: Number of rigid-body modes below them, checked at each solve.
-        dofs: Where mass-normalised shapes are wanted; empty for none.
+        wanted: The wanted modes.
         label: What M0 is called in a message.
 
     Attributes:
@@ -102,38 +113,26 @@ class SparseEigenproblem:
         doi:10.1137/S0895479888151111.
     """
 
-    def __init__(
-        self,
-        K: Sequence[csc_array],
-        M: Sequence[csc_array],
-        modes: Sequence[int],
-        skip: int = 0,
-        dofs: Sequence[int] = (),
-        label: str = "M0",
-    ) -> None:
-        self.K, self.M, self.skip = tuple(K), tuple(M), skip
-        self.modes = np.array(modes)
-        self.dofs = np.array(dofs, dtype=np.intp)
-        self.stiffness, self.mass = SparseSum(K), SparseSum(M)
+    def __init__(self, K: Parts, M: Parts, wanted: Wanted, label: str = "M0") -> None:
+        self.K, self.M = (tuple(map(csc_array, part)) for part in (K, M))
+        self.skip, self.modes = wanted.skip, np.array(wanted.modes)
+        self.dofs = np.array(wanted.dofs, dtype=np.intp)
+        self.stiffness, self.mass = SparseSum(self.K), SparseSum(self.M)
         if len(M) == 1:
-            check_mass(M[0], label)
+            check_mass(self.M[0], label)
 
-    def solve(self, k: Floats, m: Floats, describe: Where) -> ModalSolution:
+    def solve(
+        self, weights: Weights, describe: Where, slopes: Slopes | None = None
+    ) -> tuple[ModalSolution, Derivatives]:
         """Solve for coefficients ``k (n, n_k)`` and ``m (n, n_m)``, one by one.
 
-        ``describe(i)`` names parameter set i in an error message.
+        ``describe(i)`` names parameter set i in an error message. ``slopes`` say how
+        ``k`` and ``m`` change with each parameter. By these the derivatives of
+        frequencies cost next to nothing, those of shapes a factorisation for each mode.
+        Whether the last mode coincides with one above it is seen only where shapes are
+        wanted.
         """
-        return self.jacobian(k, m, {}, describe)[0]
-
-    def jacobian(
-        self, k: Floats, m: Floats, slopes: Slopes, describe: Where
-    ) -> tuple[ModalSolution, Derivatives]:
-        """Return what :meth:`solve` does, and its derivatives, from one solve.
-
-        Frequencies cost next to nothing, shapes a factorisation for each mode.
-        ``slopes`` say how ``k`` and ``m`` change with each parameter. Whether the last
-        mode coincides with one above it is seen only where shapes are wanted.
-        """
+        (k, m), slopes = weights, {} if slopes is None else slopes
         n, count, dofs = len(k), int(self.modes[-1]), self.dofs
         frequencies = np.empty((n, count))
         shapes = np.empty((n, len(dofs), count))
@@ -167,7 +166,7 @@ class SparseEigenproblem:
         """
         (eigenvalues, shapes), dofs = modes, self.dofs
         units = [*self.K[1:], *self.M[1:]]
-        weights = [np.array([*part]) for part in zip(*slopes.values(), strict=True)]
+        weights = [np.concatenate(part) for part in zip(*slopes.values(), strict=True)]
         size = np.abs(shapes)
         rounding = 10 * EPS * (size * (abs(K) @ size)).sum(axis=0)
         least = np.maximum(REPEATED * eigenvalues, rounding)
@@ -202,12 +201,68 @@ class SparseEigenproblem:
         return changes, turns
 
 
+class DenseProblem:
+    """A dense eigenproblem, and the sparse one where rounding spoils it.
+
+    Dense solvers round all eigenvalues to a fraction of the largest, which matters if,
+    say, a DOF is held by a stiffness of 1e36. Sparse factors round each row on its own
+    scale.
+
+    The arguments are those of :class:`SparseEigenproblem`, with dense matrices.
+    """
+
+    def __init__(self, K: Parts, M: Parts, wanted: Wanted, label: str = "M0") -> None:
+        self._given, parts = (K, M, wanted, label), (np.array(K), np.array(M))
+        output = np.eye(K[0].shape[0])[list(wanted.dofs)]
+        self._dense = Eigenproblem(*parts, wanted, output, label)
+        self.stiffness, self.mass = self._dense.stiffness, self._dense.mass
+        self._diagonals = [A.diagonal(axis1=1, axis2=2) for A in parts]
+
+    @cached_property
+    def _sparse(self) -> SparseEigenproblem:
+        """The sparse problem, created when it is first needed."""
+        return SparseEigenproblem(*self._given)
+
+    def solve(
+        self, weights: Weights, describe: Where, slopes: Slopes | None = None
+    ) -> tuple[ModalSolution, Derivatives]:
+        """Solve as the other two; rows spoilt by rounding one by one."""
+        (k, m), (in_K, in_M) = weights, self._diagonals
+        blurred = find_blurred(in_K[0] + k @ in_K[1:], in_M[0] + m @ in_M[1:])
+        if blurred.any() and len(k) > 1:  # other rows are unaffected
+            results = []
+            for i in range(len(k)):
+                one, at = slice(i, i + 1), partial(lambda row, _: describe(row), i)
+                here = slopes and at_row(slopes, i)
+                results.append(self.solve([k[one], m[one]], at, here))
+            return join(results)
+        problem = self._sparse if blurred.any() else self._dense
+        return problem.solve(weights, describe, slopes)
+
+
 def lowest_modes(K: csc_array, M: csc_array, count: int, skip: int, at: str) -> Pairs:
     """Return the lowest eigenvalues ``(count,)`` and mass-normalised vectors.
 
-    Rigid-body modes are included; ``at`` names the parameters in an error.
+    Rigid-body modes are included; ``at`` names the parameters in an error. The pairs
+    are those nearest to ``-shift``, which is small, but enough to factor a K with
+    rigid-body modes. From 1e-6 to 1e4 times the first elastic eigenvalue the result is
+    the same.
     """
-    values, vectors = _solve_inverse(K, M, count, skip, at)
+    mass, shift = M.diagonal(), 0.0
+    if skip or not K.diagonal().all():  # with it, constraints are the massless ones
+        ratio = K.diagonal()[mass > 0] / mass[mass > 0]
+        positive = ratio[ratio > 0]
+        shift = 1e-6 * float(np.median(positive)) if len(positive) else 1.0
+    factor = factor_definite(csc_array(K + shift * M) if shift else K)
+    if factor is None:
+        raise ValueError(
+            f"mode {skip + 1} is not elastic (a pivot of the stiffness is not "
+            f"above zero) at {at}: a stiffness matrix that is not positive "
+            "(give the prior bounds that keep stiffnesses and masses above zero), "
+            f"or a rigid-body mode beyond skip={skip}"
+        )
+    inverse, vectors = _krylov(factor, M, count, skip)
+    values = 1 / inverse - shift
     # The strain energy of a rigid motion is a difference of large terms: what is
     # left of it is rounding of their size. (A bound by the largest eigenvalue
     # would refuse models with penalty springs or tiny masses.)
@@ -220,31 +275,6 @@ def lowest_modes(K: csc_array, M: csc_array, count: int, skip: int, at: str) -> 
             f"matrix), got {count}"
         )
     return values, vectors
-
-
-def _solve_inverse(
-    K: csc_array, M: csc_array, count: int, skip: int, where: str
-) -> Pairs:
-    """Return the pairs nearest to ``-sigma``, ascending.
-
-    Sigma is small, but enough to factor a K with rigid-body modes. From 1e-6 to
-    1e4 times the first elastic eigenvalue the result is the same.
-    """
-    mass, shift = M.diagonal(), 0.0
-    if skip or not K.diagonal().all():  # with it, constraints are the massless ones
-        ratio = K.diagonal()[mass > 0] / mass[mass > 0]
-        positive = ratio[ratio > 0]
-        shift = 1e-6 * float(np.median(positive)) if len(positive) else 1.0
-    factor = factor_definite(csc_array(K + shift * M) if shift else K)
-    if factor is None:
-        raise ValueError(
-            f"mode {skip + 1} is not elastic (a pivot of the stiffness is not "
-            f"above zero) at {where}: a stiffness matrix that is not positive "
-            "(give the prior bounds that keep stiffnesses and masses above zero), "
-            f"or a rigid-body mode beyond skip={skip}"
-        )
-    inverse, vectors = _krylov(factor, M, count, skip)
-    return 1 / inverse - shift, vectors
 
 
 def _krylov(factor: Factor, M: csc_array, count: int, skip: int) -> Pairs:

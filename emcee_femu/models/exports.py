@@ -58,7 +58,7 @@ class Matrices(Report):
     """
 
     matrices: Mapping[str, csc_array]
-    nodes: NDArray[Any] | None
+    nodes: NDArray[np.int64] | NDArray[np.str_] | None
     source: str
     geometry: Geometry | None = None
 
@@ -95,7 +95,7 @@ class Matrices(Report):
         moves = {axis: np.equal(axes, axis).astype(float) for axis in there}
         return {axis: float(x @ self.M @ x) for axis, x in moves.items()}
 
-    def dofs(self, names: str | Sequence[str] | NDArray[Any]) -> Any:
+    def dofs(self, names: str | Sequence[str] | NDArray[np.str_]) -> Any:
         """Return the row of a DOF, or the rows of several as an array, in their order.
 
         Args:
@@ -107,8 +107,7 @@ class Matrices(Report):
             TypeError: If a name is not a string.
             ValueError: If there is no such DOF, or the file has no labels.
         """
-        single = isinstance(names, str)
-        listed: Any = [names] if single else names
+        listed = [names] if isinstance(names, str) else names
         wanted = checks.parameter_names("names", listed)
         if self.nodes is None:
             raise ValueError(
@@ -118,9 +117,9 @@ class Matrices(Report):
                 "for each row"
             )
         rows = find_rows(self.labels, wanted)
-        return int(rows[0]) if single else rows
+        return rows if listed is names else int(rows[0])
 
-    def sensors(self, names: Sequence[str] | NDArray[Any]) -> dict[str, int]:
+    def sensors(self, names: Sequence[str] | NDArray[np.str_]) -> dict[str, int]:
         """Return ``{name: row}``, for ``MatrixModel(..., shapes=...)``.
 
         The model then names its rows as the test does. :class:`Measurements` with these
@@ -148,6 +147,7 @@ class Matrices(Report):
         return self.matrices[name]
 
 
+OfParts: TypeAlias = Mapping[str, csc_array]  # "K" and "M"
 # K alone, (K, M), or what a file holds.
 Export: TypeAlias = Matrix | tuple[Matrix | None, ...] | Matrices
 
@@ -223,10 +223,7 @@ def _read_export(argument: str, export: Export, base: Export) -> dict[str, csc_a
 
 
 def _fit_powers(
-    argument: str,
-    first: Mapping[str, csc_array],
-    exports: Mapping[float, Mapping[str, csc_array]],
-    start: float,
+    argument: str, first: OfParts, exports: Mapping[float, OfParts], start: float
 ) -> dict[str, dict[int, csc_array]]:
     """Return what powers of a parameter multiply in K and M, the fewest that fit.
 
@@ -323,18 +320,14 @@ def find_rows(labels: Sequence[str], names: Sequence[str]) -> NDArray[np.intp]:
         label = name if name in places else read_name(name)
         at = places.get(label, [])
         if not at:
+            nodes = [x.rpartition(":")[0] for x in places]
             node = label.rpartition(":")[0]
-            nodes = [other.rpartition(":")[0] for other in places]
             there = [x for x, y in zip(places, nodes, strict=True) if y == node]
+            found = f"node {node} has {there}" if there else f"no node {node}"
             raise ValueError(
-                f"names: no DOF {name!r}: "
-                + (
-                    f"node {node} has {there}; the others are held or tied, or the "
-                    "program gives it none"
-                    if there
-                    else f"no node {node} among {len(set(nodes))} nodes, {nodes[0]} to "
-                    f"{nodes[-1]}"
-                )
+                f"names: no DOF {name!r}: {found} among {len({*nodes})} nodes, "
+                f"{nodes[0]} to {nodes[-1]}; others are held or tied, or the program "
+                "gives none"
             )
         if len(at) > 1:
             raise ValueError(

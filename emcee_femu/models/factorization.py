@@ -109,9 +109,7 @@ def factor_indefinite(A: csc_array, threshold: float = 0.0) -> Factor:
 
 
 def _pardiso_pays(A: csc_array) -> bool:
-    if (
-        A.shape[0] < LARGE_DOFS or not A.diagonal().all()
-    ):  # it wants every diagonal stored
+    if A.shape[0] < LARGE_DOFS or not A.diagonal().all():  # it wants all stored
         return False
     try:
         import pypardiso  # noqa: F401

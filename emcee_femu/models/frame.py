@@ -30,6 +30,18 @@ BENDING_Y = [1, 5, 7, 11]  # displacement uy, rotation rz = +d uy / dx; resisted
 BENDING_Z = [2, 4, 8, 10]  # displacement uz, rotation ry = -d uz / dx; resisted by Iy
 ROTATION_SIGNS = np.outer([1.0, -1.0, 1.0, -1.0], [1.0, -1.0, 1.0, -1.0])
 
+# Of an element of unit length: of two displacements; of displacement and rotation at
+# either end, cubic in between.
+UNIT_STRAINED = np.array([[1.0, -1.0], [-1.0, 1.0]])
+UNIT_MOVED = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
+UNIT_BENT = np.array(
+    [[12.0, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]]
+)
+UNIT_SWUNG = np.array(
+    [[156.0, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]]
+)
+UNIT_SWUNG /= 420
+
 MOST_DENSE = 200  # DOFs, above which a sparse solve is the faster one
 
 Property: TypeAlias = float | str | tuple[float, str]
@@ -38,8 +50,10 @@ Element: TypeAlias = tuple[int, int, str] | tuple[int, int, str, tuple[Offset, O
 Mass: TypeAlias = tuple[Any, ...]  # node, mass, offset, inertia; the last two may lack
 Spring: TypeAlias = tuple[int, int | None, Mapping[str, Property]]
 Term: TypeAlias = tuple[str, ...]  # the parameters whose product multiplies a matrix
+Scale: TypeAlias = tuple[float, Term]  # a number, times a product
+Indices: TypeAlias = NDArray[np.intp]
 # What is added to the matrix of each term: numbers of DOFs (m,), entries (m, m).
-Pieces: TypeAlias = dict[Term, list[tuple[NDArray[np.intp], Floats]]]
+Pieces: TypeAlias = dict[Term, list[tuple[Indices, Floats]]]
 
 
 @dataclass(frozen=True)
@@ -85,9 +99,8 @@ class Section:
         """Check the properties."""
         for name, value in self.properties.items():
             _read_property(name, value)
-        vector = checks.real_array("orientation", self.orientation, 1)
-        if vector.shape != (3,) or not vector.any():
-            raise ValueError(f"orientation: expected (3,), not all zero, got {vector}")
+        if not checks.shaped_array("orientation", self.orientation, (3,)).any():
+            raise ValueError("orientation: expected a vector that is not zero")
 
     @property
     def properties(self) -> dict[str, Property]:
@@ -184,11 +197,11 @@ class FrameModel(AffineModel):
         if points.shape[1] != 3 or len(points) < 2:
             raise ValueError(f"nodes: expected (n_nodes >= 2, 3), got {points.shape}")
         free = _find_free_dofs(len(points), supports)
-        skip = checks.whole_number("skip", skip)
-        wanted = _choose_modes(n_modes, modes, skip, len(free))
+        wanted = _choose_modes(n_modes, modes)
         K: Pieces = {(): []}
         M: Pieces = {(): []}
-        used = _add_bars(K, M, points, elements, sections)
+        bars = checks.sequence("elements", elements, "(node, node, section name)")
+        used = _add_bars(K, M, points, bars, sections)
         used |= _add_masses(M, len(points), masses)
         used |= _add_springs(K, points, springs)
         alone = {*range(len(points))} - used
@@ -216,11 +229,11 @@ class FrameModel(AffineModel):
         )
         self.sections = dict(sections)
         self.bounds = dict.fromkeys(self.names, (0.0, np.inf))
-        lines = [(first, second) for first, second, *_ in elements]
+        lines = [(first, second) for first, second, *_ in bars]
         self.geometry = Geometry(dict(enumerate(points)), lines)
 
 
-def _read_property(label: str, value: Property) -> tuple[float, Term]:
+def _read_property(label: str, value: Property) -> Scale:
     """Return the number of a property, and the parameter that multiplies it, if any."""
     pair: tuple[Any, ...] = (value,)
     if isinstance(value, str):
@@ -232,15 +245,11 @@ def _read_property(label: str, value: Property) -> tuple[float, Term]:
 
 
 def _add(
-    pieces: Pieces,
-    properties: Iterable[tuple[float, Term]],
-    dofs: NDArray[np.intp],
-    T: Floats,
-    matrix: Floats,
+    pieces: Pieces, scales: Iterable[Scale], dofs: Indices, T: Floats, matrix: Floats
 ) -> None:
-    """Add ``properties x T^T matrix T`` to what the product of parameters scales."""
+    """Add ``scales x T^T matrix T`` to what the product of parameters scales."""
     number, term = 1.0, list[str]()
-    for factor, names in properties:
+    for factor, names in scales:
         number *= factor
         term += names
     piece = dofs, number * (T.T @ matrix @ T)
@@ -248,7 +257,7 @@ def _add(
 
 
 def _add_up(
-    pieces: list[tuple[NDArray[np.intp], Floats]], free: NDArray[np.intp], size: int
+    pieces: list[tuple[Indices, Floats]], free: Indices, size: int
 ) -> csc_array:
     """Return the sum over the free DOFs."""
     none = np.empty(0, dtype=np.intp)
@@ -275,17 +284,16 @@ def _add_bars(
     sections: Mapping[str, Section],
 ) -> set[int]:
     """Add the bars, checked, and return the nodes that they join."""
-    checks.mapping("sections", sections, "{name: Section}")
-    checks.parameter_names("sections", list(sections))
-    for name, section in sections.items():
+    for name, section in checks.by_label("sections", sections, "a Section").items():
         checks.instance(f"sections[{name!r}]", section, Section)
     form = "(node, node, section name) or (node, node, section name, (offset, offset))"
-    if not isinstance(elements, Sequence) or isinstance(elements, str) or not elements:
-        raise TypeError(f"elements: expected at least one {form}, got {elements!r}")
+    if not elements:
+        raise TypeError(f"elements: expected at least one {form}, got none")
     used, taken = set[int](), set[str]()
     for e, element in enumerate(elements):
         label = f"elements[{e}]"
-        *ends, name, offsets = _read_entry(label, element, form, 3, [(None, None)])
+        entry = checks.group(label, element, form, 3, 4)
+        *ends, name, offsets = (*entry, (None, None))[:4]
         for node in ends:
             _check_node(label, node, len(points))
         if name not in sections:
@@ -303,8 +311,7 @@ def _add_bars(
         T = np.kron(np.eye(4), axes) @ T
         read = {k: _read_property(k, value) for k, value in section.properties.items()}
         polar = ["Iy", "Iz"] if section.Ip is None else ["Ip"]
-        matrices_of_M = mass_matrices(length, polar)
-        for part, matrices in (K, stiffness_matrices(length)), (M, matrices_of_M):
+        for part, matrices in zip((K, M), element_matrices(length, polar), strict=True):
             for product, matrix in matrices.items():
                 _add(part, [read[key] for key in product], _dofs(*ends), T, matrix)
     if {*sections} - taken:
@@ -316,9 +323,10 @@ def _add_masses(M: Pieces, n_nodes: int, masses: Sequence[Mass]) -> set[int]:
     """Add the point masses, checked, and return the nodes that carry them."""
     form = "(node, mass), (node, mass, offset) or (node, mass, offset, inertia)"
     units, used = np.eye(6), set[int]()
-    for i, given in enumerate(_read_list("masses", masses, form)):
+    for i, given in enumerate(checks.sequence("masses", masses, form)):
         label = f"masses[{i}]"
-        node, mass, offset, inertia = _read_entry(label, given, form, 2, [None, None])
+        entry = checks.group(label, given, form, 2, 3, 4)
+        node, mass, offset, inertia = (*entry, None, None)[:4]
         _check_node(label, node, n_nodes)
         used.add(node)
         T = rigid_arm(_read_offset(label, offset))
@@ -336,7 +344,7 @@ def _add_springs(K: Pieces, points: Floats, springs: Sequence[Spring]) -> set[in
     """Add the springs, checked, and return the nodes that they join."""
     form = "(node, node or None, {direction: stiffness})"
     used = set[int]()
-    for s, given in enumerate(_read_list("springs", springs, form)):
+    for s, given in enumerate(checks.sequence("springs", springs, form)):
         label = f"springs[{s}]"
         first, second, by_direction = checks.group(label, given, form, 3)
         ends = [first] if second is None else [first, second]
@@ -353,31 +361,11 @@ def _add_springs(K: Pieces, points: Floats, springs: Sequence[Spring]) -> set[in
     return used
 
 
-def _read_list(argument: str, value: object, form: str) -> Sequence[Any]:
-    if not isinstance(value, Sequence) or isinstance(value, str):
-        raise TypeError(f"{argument}: expected a list of {form}, got {value!r}")
-    return value
+def _read_offset(label: str, value: ArrayLike | None) -> Floats:
+    return checks.shaped_array(label, np.zeros(3) if value is None else value, (3,))
 
 
-def _read_entry(
-    label: str, value: Any, form: str, needed: int, defaults: Sequence[Any]
-) -> tuple[Any, ...]:
-    """Return an entry of a list; its last parts may be missing."""
-    given = len(value) if isinstance(value, Sequence) else 0
-    lacking = min(max(needed + len(defaults) - given, 0), len(defaults))
-    size = needed + len(defaults) - lacking
-    entry = checks.group(label, value, form, size)
-    return *entry, *defaults[len(defaults) - lacking :]
-
-
-def _read_offset(label: str, value: Any) -> Floats:
-    offset = np.zeros(3) if value is None else checks.real_array(label, value, 1)
-    if offset.shape != (3,):
-        raise ValueError(f"{label}: expected an offset (x, y, z) in m, got {value!r}")
-    return offset
-
-
-def _dofs(*nodes: int) -> NDArray[np.intp]:
+def _dofs(*nodes: int) -> Indices:
     """Return the numbers of the DOFs of nodes, six each."""
     return np.concatenate([np.arange(6 * node, 6 * node + 6) for node in nodes])
 
@@ -389,47 +377,29 @@ def rigid_arm(offset: Floats) -> Floats:
     return T
 
 
-def stiffness_matrices(length: float) -> dict[tuple[str, ...], Floats]:
-    """Return ``(12, 12)`` matrices in local axes by the properties they multiply."""
-    L = length
-    rod = np.array([[1.0, -1.0], [-1.0, 1.0]]) / L
-    bending = np.array(
-        [
-            [12.0, 6 * L, -12.0, 6 * L],
-            [6 * L, 4 * L**2, -6 * L, 2 * L**2],
-            [-12.0, -6 * L, 12.0, -6 * L],
-            [6 * L, 2 * L**2, -6 * L, 4 * L**2],
-        ]
-    )
-    bending /= L**3
-    return {
-        ("E", "A"): _place(AXIAL, rod),
-        ("GJ",): _place(TORSION, rod),
-        ("E", "Iz"): _place(BENDING_Y, bending),
-        ("E", "Iy"): _place(BENDING_Z, bending * ROTATION_SIGNS),
-    }
+def element_matrices(
+    length: float, polar: Sequence[str]
+) -> tuple[dict[Term, Floats], dict[Term, Floats]]:
+    """Return stiffness and consistent mass in local axes, ``(12, 12)`` matrices.
 
-
-def mass_matrices(length: float, polar: Sequence[str]) -> dict[tuple[str, ...], Floats]:
-    """Return consistent ``(12, 12)`` matrices by the properties that they multiply.
-
-    rho times the sum of the properties ``polar`` resists twisting.
+    Each by the properties whose product it multiplies. rho times the sum of the
+    properties ``polar`` resists twisting.
     """
-    L = length
-    rod = np.array([[2.0, 1.0], [1.0, 2.0]]) * L / 6
-    bending = np.array(
-        [
-            [156.0, 22 * L, 54.0, -13 * L],
-            [22 * L, 4 * L**2, 13 * L, -3 * L**2],
-            [54.0, 13 * L, 156.0, -22 * L],
-            [-13 * L, -3 * L**2, -22 * L, 4 * L**2],
-        ]
-    )
-    bending *= L / 420
-    along = _place(AXIAL, rod) + _place(BENDING_Y, bending)
-    along += _place(BENDING_Z, bending * ROTATION_SIGNS)
-    twist = _place(TORSION, rod)
-    return {("rho", "A"): along, **{("rho", moment): twist for moment in polar}}
+    arms = np.array([1.0, length, 1.0, length])  # rotations are by length
+    bent, swung = (np.outer(arms, arms) * unit for unit in (UNIT_BENT, UNIT_SWUNG))
+    bent, swung = bent / length**3, swung * length
+    strained, moved = UNIT_STRAINED / length, UNIT_MOVED * length
+    along = _place(AXIAL, moved) + _place(BENDING_Y, swung)
+    along += _place(BENDING_Z, swung * ROTATION_SIGNS)
+    twist = _place(TORSION, moved)
+    stiffness: dict[Term, Floats] = {
+        ("E", "A"): _place(AXIAL, strained),
+        ("GJ",): _place(TORSION, strained),
+        ("E", "Iz"): _place(BENDING_Y, bent),
+        ("E", "Iy"): _place(BENDING_Z, bent * ROTATION_SIGNS),
+    }
+    mass: dict[Term, Floats] = {("rho", "A"): along}
+    return stiffness, mass | {("rho", name): twist for name in polar}
 
 
 def _place(dofs: list[int], block: Floats) -> Floats:
@@ -464,7 +434,7 @@ def local_axes(
 
 def _find_free_dofs(
     n_nodes: int, supports: Mapping[int, str | Iterable[str]] | None
-) -> NDArray[np.intp]:
+) -> Indices:
     """Return the numbers of the DOFs that no support holds, six per node."""
     supports = {} if supports is None else supports
     checks.mapping("supports", supports, "{node: held DOFs}")
@@ -472,9 +442,7 @@ def _find_free_dofs(
     for node, held in supports.items():
         _check_node("supports", node, n_nodes)
         names = DOFS if held == "all" else (held,) if isinstance(held, str) else held
-        if not isinstance(names, Iterable):
-            raise TypeError(f"supports[{node}]: expected names of DOFs, got {held!r}")
-        for dof in names:
+        for dof in checks.sequence(f"supports[{node}]", names, "DOFs"):
             if dof not in DOFS:
                 raise ValueError(
                     f"supports[{node}]: expected DOFs out of {DOFS} or 'all', "
@@ -491,22 +459,14 @@ def _check_node(label: str, node: int, n_nodes: int) -> None:
         raise ValueError(f"{label}: no node {node}; nodes are 0 to {n_nodes - 1}")
 
 
-def _choose_modes(
-    n_modes: int | None, modes: Sequence[int] | None, skip: int, n_free: int
-) -> tuple[int, ...]:
+def _choose_modes(n_modes: int | None, modes: Sequence[int] | None) -> tuple[int, ...]:
     """Return the numbers of the wanted modes, 1 = the lowest elastic one."""
     if (n_modes is None) == (modes is None):
         raise TypeError("n_modes, modes: expected exactly one of the two")
     if modes is None:
         modes = range(1, checks.whole_number("n_modes", n_modes, 1) + 1)
-    elif np.ndim(modes) != 1:
-        raise TypeError(f"modes: expected a sequence of mode numbers, got {modes!r}")
-    wanted = tuple(checks.whole_number("modes", mode, 1) for mode in modes)
+    numbers = checks.sequence("modes", modes, "mode numbers")
+    wanted = tuple(checks.whole_number("modes", number, 1) for number in numbers)
     if not wanted or list(wanted) != sorted(set(wanted)):
         raise ValueError(f"modes: expected ascending mode numbers from 1, got {wanted}")
-    if skip + wanted[-1] > n_free:
-        raise ValueError(
-            f"n_modes, modes: mode {wanted[-1]} after {skip} rigid-body modes (skip), "
-            f"but there are only {n_free} free DOFs"
-        )
     return wanted

@@ -16,16 +16,14 @@ from ..contracts import (
     Response,
     SolveError,
     Variable,
-    add_place,
+    gather_tangents,
     modal_variables,
+    placed,
     show_declared,
 )
 
 Function: TypeAlias = Callable[[Mapping[str, float]], Response]
 Arrays: TypeAlias = dict[str, Floats]  # by the name of a variable or parameter
-# One response, and its derivatives, {variable: {parameter: (*shape)}}.
-Result: TypeAlias = tuple[Arrays, dict[str, Arrays]]
-Read: TypeAlias = Callable[[Response], Result]
 
 DENSITY = "log_likelihood"  # the variable that is what a DensityModel was given
 UNSTORED = Variable({}, stored=False)
@@ -80,8 +78,7 @@ class FunctionModel:
     ) -> None:
         slopes = function if jacobian is None else jacobian
         for label, call in (("function", function), ("jacobian", slopes)):
-            if not callable(call):
-                raise TypeError(f"{label}: expected a callable, got {call!r}")
+            checks.function(label, call)
         self._is_modal = variables is None
         if n_modes is not None:
             if variables is not None:
@@ -90,9 +87,9 @@ class FunctionModel:
             variables = modal_variables(checks.whole_number("n_modes", n_modes, 1))
             variables |= {"shapes": unknown}
         elif variables is not None:
-            checks.mapping("variables", variables, "{name: Variable}")
-            for name in checks.parameter_names("variables", variables):
-                checks.instance(f"variables[{name!r}]", variables[name], Variable)
+            by_name = checks.by_label("variables", variables, "a Variable")
+            for name, variable in by_name.items():
+                checks.instance(f"variables[{name!r}]", variable, Variable)
         self.function, self.n_modes, self.variables = function, n_modes, variables
         self._jacobian = jacobian
 
@@ -100,51 +97,56 @@ class FunctionModel:
 
     def __call__(self, parameters: Parameters) -> Response:
         """Call the function for each parameter set and stack the results."""
-        return self._solve(parameters, self.function, self._read)[0]
+        return self._solve(parameters, self.function)[0]
 
     @property
     def jacobian(self) -> Callable[[Parameters], tuple[Response, Derivatives]] | None:
         """A function that returns response and derivatives of a batch, or None."""
         if self._jacobian is None:
             return None
-        return partial(self._solve, function=self._jacobian, read=self._read_pair)
+        return partial(self._solve, function=self._jacobian, is_pair=True)
 
     def _solve(
-        self,
-        parameters: Parameters,
-        function: Function,
-        read: Callable[[Response], Result],
+        self, parameters: Parameters, function: Function, is_pair: bool = False
     ) -> tuple[Response, Derivatives]:
-        """Call a function for each parameter set, and stack the values read from it."""
+        """Call a function for each parameter set; stack its results and derivatives."""
         values, n = checks.batch(parameters)
-        results: list[Result] = []
+        names, rows, tangents = [*values], list[Arrays](), list[Arrays]()
+        given = set[tuple[str, str]]()  # variables, and parameters that change them
+        form = "what function returns, and {variable: {parameter: array}}"
         for i in range(n):
             row = {name: float(value[i]) for name, value in values.items()}
-            try:
-                results.append(read(function(dict(row))))
-                first = {name: array.shape for name, array in results[0][0].items()}
-                _check_shapes("function", results[-1][0], first)
-            except (Exception, SystemExit) as error:
-                add_place(error, row, [*row])
-                if isinstance(error, TypeError):
-                    error.add_note(f"the function is given one dict, of {[*row]}")
-                raise
-        names = results[0][0]
-        response = {name: np.array([row[name] for row, _ in results]) for name in names}
+            with placed(row, names):
+                try:
+                    result = function(dict(row))
+                    slopes: dict[str, Arrays] = {}
+                    if is_pair:
+                        result, slopes = checks.group("jacobian", result, form, 2)
+                    rows.append(self._read(result))
+                    tangents.append(gather_tangents("jacobian", rows[i], slopes, names))
+                    given |= {
+                        (v, name) for v, by_name in slopes.items() for name in by_name
+                    }
+                except TypeError as error:
+                    error.add_note(f"the function is given one dict, of {names}")
+                    raise
+                first = {name: array.shape for name, array in rows[0].items()}
+                _check_shapes("function", rows[i], first)
+        response = {name: np.array([row[name] for row in rows]) for name in rows[0]}
         derivatives: Derivatives = {}
-        for i, (_, slopes) in enumerate(results):
-            for variable, by_parameter in slopes.items():
-                of_variable = derivatives.setdefault(variable, {})
-                for name, slope in by_parameter.items():
-                    unchanged = np.zeros_like(response[variable])
-                    of_variable.setdefault(name, unchanged)[i] = slope
+        for name in dict.fromkeys(name for each in tangents for name in each):
+            none = np.zeros((*first[name], len(names)))
+            every = np.array([each.get(name, none) for each in tangents])
+            by_parameter = np.moveaxis(every, -1, 0)
+            pairs = zip(names, by_parameter, strict=True)
+            derivatives[name] = {p: x for p, x in pairs if (name, p) in given}
         if self._is_modal:
             modes = ModalSolution(response["frequency"], response.get("shapes"))
             return modes, derivatives
         return response, derivatives
 
-    def _read(self, result: Response) -> Result:
-        """Return one response by variable, checked, and no derivatives."""
+    def _read(self, result: Response) -> Arrays:
+        """Return one response by variable, checked."""
         declared = {} if self.variables is None else self.variables
         if isinstance(result, ModalSolution):
             shapes = {} if result.shapes is None else {"shapes": result.shapes}
@@ -168,30 +170,7 @@ class FunctionModel:
             if "shapes" in response:
                 expected["shapes"] = (*response["shapes"].shape[:1], count)
         _check_shapes("function", response, expected)
-        return response, {}
-
-    def _read_pair(self, result: Response) -> Result:
-        """Return one response and its derivatives by variable, checked."""
-        pair = isinstance(result, Sequence) and len(result) == 2
-        if not pair or not isinstance(result[1], Mapping):
-            raise TypeError(
-                "jacobian: expected what function returns, and {variable: {parameter: "
-                f"array}}, got {type(result).__name__}"
-            )
-        response, slopes = self._read(result[0])
-        for variable, by_parameter in result[1].items():
-            if variable not in response or not isinstance(by_parameter, Mapping):
-                raise ValueError(
-                    f"jacobian: expected {{parameter: array}} for each of "
-                    f"{[*response]}, got {variable!r}: {by_parameter!r}"
-                )
-            slopes[variable] = {
-                name: checks.numeric_array(f"jacobian (d {variable} / d {name})", slope)
-                for name, slope in by_parameter.items()
-            }
-            expected = dict.fromkeys(by_parameter, response[variable].shape)
-            _check_shapes(f"jacobian (d {variable})", slopes[variable], expected)
-        return response, slopes
+        return response
 
 
 def _check_shapes(
@@ -229,8 +208,7 @@ class DensityModel:
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        if not callable(self.call):
-            raise TypeError(f"{DENSITY}: expected a callable, got {self.call!r}")
+        checks.function(DENSITY, self.call)
         if not isinstance(self.args, list | tuple):
             raise TypeError(f"args: expected a tuple, as (data,), got {self.args!r}")
         checks.mapping("kwargs", self.kwargs, "{name: value}")
@@ -279,7 +257,13 @@ class DensityModel:
     def _ask(self, theta: Floats) -> list[Arrays]:
         """Return log-likelihood and blobs at each of ``theta (n, d)``."""
         if not self.vectorize:
-            return [self._ask_one(point) for point in theta]
+            rows = []
+            for point in theta:
+                place = dict(zip(self.names, point.tolist(), strict=True))
+                with placed(place, self.names):
+                    result = self.call(point, *self.args, **self.kwargs)
+                    rows.append(_read_density(result))
+            return rows
         results = self.call(theta, *self.args, **self.kwargs)
         rows = [*results] if np.iterable(results) else []
         if len(rows) != len(theta):
@@ -290,14 +274,6 @@ class DensityModel:
                 "point",
             )
         return [_read_density(row) for row in rows]
-
-    def _ask_one(self, point: Floats) -> Arrays:
-        try:
-            return _read_density(self.call(point, *self.args, **self.kwargs))
-        except (Exception, SystemExit) as error:
-            place = dict(zip(self.names, point.tolist(), strict=True))
-            add_place(error, place, self.names)
-            raise
 
 
 def _read_density(result: Response) -> Arrays:

@@ -53,27 +53,19 @@ class Geometry:
         sensors: Mapping[Hashable, tuple[Node, str | Sequence[float]]] | None = None,
         supports: Iterable[Node] = (),
     ) -> None:
-        if not isinstance(nodes, Mapping) or not nodes:
-            raise TypeError(f"nodes: expected {{node: coordinates}}, got {nodes!r}")
+        if not checks.mapping("nodes", nodes, "{node: coordinates}"):
+            raise TypeError("nodes: expected {node: coordinates}, got none")
         self.nodes: dict[Node, Floats] = {}
         for node, given in nodes.items():
-            place = checks.real_array(f"nodes[{node!r}]", given, 1)
-            if place.size not in (2, 3):
-                raise ValueError(
-                    f"nodes[{node!r}]: expected 2 or 3 numbers, got {given!r}"
-                )
+            place = checks.shaped_array(f"nodes[{node!r}]", given, (2,), (3,))
             self.nodes[node] = np.append(place, np.zeros(3 - place.size))
         self._by_text = {str(node): node for node in self.nodes}
-        if not isinstance(lines, Iterable) or isinstance(lines, str | Mapping):
-            raise TypeError(f"lines: expected (node, node) each, got {lines!r}")
         self.lines: list[tuple[Node, ...]] = []
-        for i, line in enumerate(lines):
+        for i, line in enumerate(checks.sequence("lines", lines, "(node, node)")):
             self.lines.append(checks.group(f"lines[{i}]", line, "(node, node)", 2))
             for node in line:
                 self._check_node(f"lines[{i}]", node)
-        if not isinstance(supports, Iterable) or isinstance(supports, str | Mapping):
-            raise TypeError(f"supports: expected a sequence of nodes, got {supports!r}")
-        self.supports = [*supports]
+        self.supports = [*checks.sequence("supports", supports, "nodes")]
         for node in self.supports:
             self._check_node("supports", node)
         self.sensors: dict[Hashable, tuple[Node, Floats]] = {}
@@ -83,15 +75,17 @@ class Geometry:
             label = f"sensors[{dof!r}]"
             node, along = checks.group(label, sensor, "(node, direction)", 2)
             self._check_node(label, node)
-            if isinstance(along, str) and along not in UNIT_AXES:
-                raise ValueError(
-                    f"{label}: expected a direction out of {' '.join(UNIT_AXES)} or a "
-                    f"vector, got {along!r}"
-                )
-            vector = UNIT_AXES[along] if isinstance(along, str) else along
-            vector = checks.real_array(label, vector, 1)
-            if vector.size != 3 or not vector.any():
-                raise ValueError(f"{label}: expected a vector of three, got {along!r}")
+            axis: ArrayLike = along
+            if isinstance(along, str):
+                if along not in UNIT_AXES:
+                    raise ValueError(
+                        f"{label}: expected a direction out of {' '.join(UNIT_AXES)} "
+                        f"or a vector, got {along!r}"
+                    )
+                axis = UNIT_AXES[along]
+            vector = checks.shaped_array(label, axis, (3,))
+            if not vector.any():
+                raise ValueError(f"{label}: expected a vector that is not zero")
             self.sensors[dof] = node, vector / np.linalg.norm(vector)
 
     def locate(self, dof: Hashable) -> tuple[Node, Floats] | None:

@@ -14,8 +14,7 @@ from ..measurements.modes import along_axis
 
 Matrix: TypeAlias = Floats | csc_array
 Where: TypeAlias = Callable[[int], str]  # names a parameter set i in a message
-# Of K and of M, (n, n_k) and (n, n_m), and what names a parameter set.
-Weights: TypeAlias = tuple[Floats, Floats, Where]
+Weights: TypeAlias = Sequence[Floats]  # of K and of M, (n, n_k) and (n, n_m)
 Dofs: TypeAlias = Sequence[Hashable] | Mapping[Hashable, Hashable] | NDArray[np.intp]
 
 
@@ -70,16 +69,6 @@ def columns(values: Parameters, names: Iterable[str], n: int) -> Floats:
 def describe(values: Parameters, names: Iterable[str], row: int) -> str:
     """Return one parameter set by name, for a message."""
     return str({name: float(values[name][row]) for name in names})
-
-
-def check_positive(values: Floats, names: Sequence[str], kind: str) -> None:
-    """Raise ValueError unless all ``values (n, n_names)`` are above zero."""
-    if values.size and not values.min() > 0:
-        column = int(np.argmin((values > 0).all(axis=0)))
-        raise ValueError(
-            f"parameters: the {kind} {names[column]!r} must be above zero, got "
-            f"{values[:, column].min():g}; give its prior a lower bound"
-        )
 
 
 def derive_along(

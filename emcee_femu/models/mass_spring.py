@@ -1,7 +1,7 @@
 """Lumped masses joined by springs."""
 
 from collections.abc import Mapping
-from functools import partial
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..contracts import Derivatives, Floats, ModalSolution, Parameters, show_declared
-from .inputs import Dofs, Weights, check_positive, describe
+from .inputs import Dofs
 from .matrix import MatrixModel
 
 Spring: TypeAlias = tuple[int, int, float | str]
@@ -59,28 +59,30 @@ class MassSpringModel:
         skip: int = 0,
         shapes: bool | Dofs = False,
     ) -> None:
-        named = isinstance(masses, Mapping)
-        numbers = [*masses.values()] if isinstance(masses, Mapping) else masses
-        self.masses = checks.positive_array("masses", numbers, 1)
+        named: dict[str, float] = {}
+        if isinstance(masses, Mapping):
+            named, masses = dict(masses), [*masses.values()]
+        self.masses = checks.positive_array("masses", masses, 1)
         n = len(self.masses)
         skip = checks.whole_number("skip", skip)
         if n <= skip:
             raise ValueError(f"masses: expected more than skip={skip}, got {n}")
-        checks.mapping("springs", springs, "{name: (node, node, stiffness)}")
-        checks.parameter_names("springs", list(springs))
-        self.springs, self._stiffnesses = dict(springs), _default_stiffnesses(springs)
-        self._masses: dict[str, float] = {}
-        if isinstance(masses, Mapping):
-            checks.parameter_names("masses", [*masses, *springs])
-            self._masses = dict(zip(masses, self.masses.tolist(), strict=True))
+        self.springs = checks.by_label("springs", springs, "(node, node, stiffness)")
+        if named:
+            checks.parameter_names("masses", [*named, *springs])
+        self._masses = dict(zip(named, self.masses.tolist(), strict=False))
+        self._stiffnesses, leaders = _read_stiffnesses(self.springs)
         K = {name: np.zeros((n, n)) for name in self._stiffnesses}
-        for name, (first, second, stiffness) in springs.items():
+        for name, (first, second, _) in springs.items():
             b = _incidence(name, first, second, n)
-            K[stiffness if isinstance(stiffness, str) else name] += np.outer(b, b)
+            K[leaders.get(name, name)] += np.outer(b, b)
         M = {name: np.diag(np.eye(n)[i]) for i, name in enumerate(self._masses)}
         M0 = np.diag(np.zeros(n) if named else self.masses)
         self._model = MatrixModel(
             np.zeros((n, n)), M0, K, M, n_modes=n - skip, skip=skip, shapes=shapes
+        )
+        self._model.coefficients = replace(
+            self._model.coefficients, positive="stiffness or mass"
         )
         self.shape_dofs, self.variables = self._model.shape_dofs, self._model.variables
         self.dofs = self._model.dofs
@@ -91,7 +93,7 @@ class MassSpringModel:
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz; values are ``(n,)``, N/m or kg."""
-        return self._model.problem.solve(*self._coefficients(parameters))
+        return self._model(self._complete(parameters))
 
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
         """Return the response and its derivatives by all given values, from one solve.
@@ -103,42 +105,36 @@ class MassSpringModel:
             ValueError: As for a call, or if two modes coincide that separate as a
                 parameter changes; see ``MatrixModel.jacobian``.
         """
-        k, m, where = self._coefficients(parameters)
-        names = [*self._stiffnesses, *self._masses]
-        values = dict(zip(names, [*k.T, *m.T], strict=True))
-        slopes = self._model.coefficients.slopes(values)
+        values = self._complete(parameters)
+        problem, coefficients = self._model.problem, self._model.coefficients
+        slopes = coefficients.slopes(values)
         read = {name: slopes[name] for name in slopes if name in parameters}
-        return self._model.problem.jacobian(k, m, read, where)
+        return problem.solve(*coefficients(values), read)
 
-    def _coefficients(self, parameters: Parameters) -> Weights:
-        """Return the coefficients of K and M, and a function that names a set."""
+    def _complete(self, parameters: Parameters) -> Parameters:
+        """Return the values of all springs and masses, or their defaults."""
         values, n = checks.batch(parameters)
-        named, parts = dict[str, Floats](), []
-        for defaults, what in (self._stiffnesses, "stiffness"), (self._masses, "mass"):
-            part = np.empty((n, len(defaults)))
-            for column, (name, default) in enumerate(defaults.items()):
-                part[:, column] = values.get(name, default)
-            check_positive(part, [*defaults], what)
-            named |= dict(zip(defaults, part.T, strict=True))
-            parts.append(part)
-        return parts[0], parts[1], partial(describe, named, [*named])
+        defaults = self._stiffnesses | self._masses
+        return {k: values.get(k, np.full(n, x)) for k, x in defaults.items()}
 
 
-def _default_stiffnesses(springs: Springs) -> dict[str, float]:
-    """Return the default stiffness of each spring that follows no other."""
-    defaults = {}
+def _read_stiffnesses(springs: Springs) -> tuple[dict[str, float], dict[str, str]]:
+    """Return default stiffnesses, and the leaders of the springs that follow one."""
+    defaults, leaders = dict[str, float](), dict[str, str]()
     for name, spring in springs.items():
-        label, form = f"springs[{name!r}]", "(node, node, stiffness)"
-        *_, stiffness = checks.group(label, spring, form, 3)
-        if not isinstance(stiffness, str):
+        label = f"springs[{name!r}]"
+        *_, stiffness = checks.group(label, spring, "(node, node, stiffness)", 3)
+        if isinstance(stiffness, str):
+            leaders[name] = stiffness
+        else:
             defaults[name] = checks.positive_array(label, stiffness, 0).item()
-    for name, (_, _, leader) in springs.items():
-        if isinstance(leader, str) and leader not in defaults:
+    for name, leader in leaders.items():
+        if leader not in defaults:
             raise ValueError(
                 f"springs[{name!r}]: expected a spring with a stiffness of its own to "
                 f"follow, got {leader!r}; there are {sorted(defaults)}"
             )
-    return defaults
+    return defaults, leaders
 
 
 def _incidence(name: str, first: int, second: int, n: int) -> Floats:

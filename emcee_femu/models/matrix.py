@@ -1,13 +1,15 @@
-"""Models from given stiffness and mass matrices and their coefficients."""
+"""Models from given matrices and their coefficients: of modes, and of static tests."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
-from functools import cached_property, partial
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from copy import copy
+from functools import partial
 from typing import Self
 
 import numpy as np
-from scipy.sparse import csc_array, issparse
+from numpy.typing import ArrayLike
+from scipy.sparse import issparse
 
 from .. import checks
 from ..contracts import (
@@ -15,15 +17,17 @@ from ..contracts import (
     Floats,
     ModalSolution,
     Parameters,
+    Variable,
     modal_variables,
     show_declared,
 )
 from .coefficients import Coefficients, Unit, read_units
-from .eigen_dense import Eigenproblem, Slopes, at_row, find_blurred, join
-from .eigen_sparse import SparseEigenproblem
+from .eigen_dense import Eigenproblem, Wanted, combine
+from .eigen_sparse import DenseProblem, SparseEigenproblem, SparseSum
 from .exports import Export, Matrices, fit_polynomials
+from .factorization import factor_definite
 from .geometry import Geometry
-from .inputs import Dofs, Matrix, Where, choose_dofs, read_matrix, warn_of_uncoupled
+from .inputs import Dofs, Matrix, choose_dofs, read_matrix, warn_of_uncoupled
 
 
 class AffineModel:
@@ -42,6 +46,8 @@ class AffineModel:
 
     Attributes:
         rows: Where the DOFs of the shapes are in the matrices.
+        parts: The matrices of K and those of M, the constant ones first.
+        wanted: The modes and DOFs that are returned.
     """
 
     def __init__(
@@ -77,13 +83,18 @@ class AffineModel:
         self.rows = tuple(chosen.values())
         self.shape_dofs = tuple(self.dofs[row] for row in self.rows)
         self.variables = modal_variables(self.n_modes, tuple(chosen))
-        self.problem = sparse_problem(self) if sparse else DenseProblem(self)
+        self.parts: tuple[list[Matrix], list[Matrix]]
+        self.parts = [self.K0, *self.K.values()], [self.M0, *self.M.values()]
+        self.problem: SparseEigenproblem | DenseProblem | Eigenproblem
+        kind = SparseEigenproblem if sparse else DenseProblem
+        self.wanted = Wanted(self.modes, self.skip, self.rows)
+        self.problem = kind(*self.parts, self.wanted)
 
     __repr__ = show_declared
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""
-        return self.problem.solve(*self.coefficients(parameters))
+        return self.problem.solve(*self.coefficients(parameters))[0]
 
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
         """Return the response and its derivatives by all parameters, from one solve.
@@ -95,9 +106,27 @@ class AffineModel:
             ValueError: As a call does, or if modes coincide that part as a parameter
                 changes: they have no derivatives there.
         """
-        k, m, where = self.coefficients(parameters)
         slopes = self.coefficients.slopes(parameters)
-        return self.problem.jacobian(k, m, slopes, where)
+        return self.problem.solve(*self.coefficients(parameters), slopes)
+
+    def matrices(self, values: Mapping[str, float]) -> tuple[Matrix, Matrix]:
+        """Return K and M of one parameter set."""
+        one = {name: np.array([value]) for name, value in values.items()}
+        (k, m), _ = self.coefficients(one)
+        return self.problem.stiffness(k[0]), self.problem.mass(m[0])
+
+    def project(self, K: Floats, M: Floats, output: Floats) -> Self:
+        """Return the model in a basis, from its projected parts and shapes.
+
+        It keeps no large matrix, and can be sent to other processes.
+        """
+        small = copy(self)
+        small.parts = [*K], [*M]
+        (small.K0, *of_K), (small.M0, *of_M) = small.parts
+        small.K = dict(zip(self.K, of_K, strict=True))
+        small.M = dict(zip(self.M, of_M, strict=True))
+        small.problem = Eigenproblem(K, M, self.wanted, output)
+        return small
 
 
 class MatrixModel(AffineModel):
@@ -167,7 +196,7 @@ class MatrixModel(AffineModel):
     ) -> None:
         modes = range(1, checks.whole_number("n_modes", n_modes, 1) + 1)
         super().__init__(K0, M0, K, {} if M is None else M, modes, skip, shapes)
-        warn_of_uncoupled([self.K0, *self.K.values()], [self.M0, *self.M.values()])
+        warn_of_uncoupled(*self.parts)
 
     @classmethod
     def from_differences(
@@ -228,69 +257,141 @@ class MatrixModel(AffineModel):
         return model
 
 
-def sparse_problem(model: AffineModel) -> SparseEigenproblem:
-    """Return the sparse problem of a model, also where its matrices are dense."""
-    K, M = (
-        tuple(csc_array(matrix) for matrix in (constant, *units.values()))
-        for constant, units in ((model.K0, model.K), (model.M0, model.M))
-    )
-    return SparseEigenproblem(K, M, model.modes, model.skip, model.rows)
+class StaticModel:
+    r"""Displacements of a structure under several load cases.
 
+    .. math:: K(\theta) \, u_c = f_c, \qquad
+        K(\theta) = K_0 + \sum_i a_i(\theta) K_i, \qquad
+        \frac{\partial u_c}{\partial \theta_j} = -K^{-1} \sum_i
+        \frac{\partial a_i}{\partial \theta_j} K_i u_c
 
-class DenseProblem:
-    """The dense eigenproblem of a model, and the sparse one if rounding spoils it.
-
-    Dense solvers round all eigenvalues to a fraction of the largest, which matters if,
-    say, a DOF is held by a stiffness of 1e36. Sparse factors round each row on its own
-    scale.
+    Use it with a :class:`DisplacementTerm`. To combine a static and a modal test of the
+    same structure, use :meth:`LogPosterior.joint`. The matrices are those of a
+    :class:`MatrixModel`, without the supported DOFs. **Dense** matrices are solved for
+    all parameter sets at once. If K0 is a **scipy.sparse** matrix, each parameter set
+    costs one factorisation, whatever the number of load cases.
 
     Args:
-        model: The model, with dense matrices.
+        K0: Constant part of the stiffness, ``(N, N)``, symmetric.
+        loads: ``{load case: forces}``, where forces are ``(N,)`` or ``{dof: force}``.
+        K: ``{parameter: K_i}``, where K_i is multiplied by the parameter, or
+            ``{label: (K_i, function)}``, as for :class:`MatrixModel`.
+        points: The DOFs (0 to N - 1) at which displacements are returned, or ``{label:
+            dof}``; None for all.
+        unit: The unit of the displacements, which follows from those of K and the
+            loads.
+
+    Attributes:
+        cases: The names of the load cases.
+        variables: ``displacement``, with the dimensions ``load_case`` and ``point``.
+
+    Raises:
+        TypeError: If K0 is dense and another matrix is sparse.
+        ValueError: If a matrix is not square, symmetric or of the size of K0, a load is
+            not finite, zero everywhere or of another size, or a DOF does not exist.
+            When called: if the stiffness is not positive definite.
+
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import StaticModel
+        >>> k = np.array([[1.0, -1.0], [-1.0, 1.0]])
+        >>> model = StaticModel(np.diag([4.0, 0.0]), {"top": {1: 2.0}}, {"k2": k})
+        >>> model({"k2": np.array([1.0, 2.0])})["displacement"].round(6).tolist()
+        [[[0.5, 2.5]], [[0.5, 1.5]]]
     """
 
-    def __init__(self, model: AffineModel) -> None:
-        self.model = model
-        K, M = (
-            np.array([constant, *units.values()])
-            for constant, units in ((model.K0, model.K), (model.M0, model.M))
-        )
-        selected = model.skip + np.array(model.modes) - 1
-        output = np.eye(len(model.K0))[list(model.rows)]
-        self.dense = Eigenproblem(K, M, selected, model.skip, output)
-        self._diagonals = [A.diagonal(axis1=1, axis2=2) for A in (K, M)]
+    def __init__(
+        self,
+        K0: Matrix,
+        loads: Mapping[str, ArrayLike | Mapping[int, float]],
+        K: Mapping[str, Unit],
+        *,
+        points: Dofs | None = None,
+        unit: str = "m",
+    ) -> None:
+        sparse = issparse(K0)
+        self.K0: Matrix = read_matrix("K0", K0, sparse=sparse)
+        size = self.K0.shape[0]
+        self.K, of_K = read_units("K", K, size, sparse)
+        self.coefficients = Coefficients((of_K,))
+        self.names = self.coefficients.names
+        self.cases = tuple(checks.by_label("loads", loads, "forces"))
+        forces = [_read_force(case, force, size) for case, force in loads.items()]
+        self._forces = np.stack(forces, axis=1)  # (N, cases)
+        dofs = choose_dofs("points", True if points is None else points, range(size))
+        self.points = tuple(dofs.values())
+        coords = {"load_case": self.cases, "point": list(dofs)}
+        self.variables = {"displacement": Variable(coords, unit)}
+        terms = [self.K0, *self.K.values()]
+        self._sum = SparseSum(terms) if sparse else np.array(terms)
 
-    @cached_property
-    def sparse(self) -> SparseEigenproblem:
-        """The sparse problem, created when it is first needed."""
-        return sparse_problem(self.model)
+    __repr__ = show_declared
 
-    def solve(self, k: Floats, m: Floats, describe: Where) -> ModalSolution:
-        """Solve for coefficients ``k (n, n_k)`` and ``m (n, n_m)``."""
-        return self._solve(k, m, None, describe)[0]
+    def __call__(self, parameters: Parameters) -> dict[str, Floats]:
+        """Return displacements ``(n, cases, points)`` for values of shape ``(n,)``."""
+        return self._solve(parameters, {})[0]
 
-    def jacobian(
-        self, k: Floats, m: Floats, slopes: Slopes, describe: Where
-    ) -> tuple[ModalSolution, Derivatives]:
-        """Return what :meth:`solve` does, and its derivatives, from one solve."""
-        return self._solve(k, m, slopes, describe)
+    def jacobian(self, parameters: Parameters) -> tuple[dict[str, Floats], Derivatives]:
+        """Return the response and its derivatives by all parameters, from one solve."""
+        response, by_unit = self._solve(parameters, self.K)
+        slopes = {
+            name: np.einsum("nu,uncp->ncp", by_parameter, by_unit)
+            for name, (by_parameter,) in self.coefficients.slopes(parameters).items()
+        }
+        return response, {"displacement": slopes}
 
     def _solve(
-        self, k: Floats, m: Floats, slopes: Slopes | None, describe: Where
-    ) -> tuple[ModalSolution, Derivatives]:
-        """Solve rows spoilt by rounding one by one; other rows are unaffected."""
-        in_K, in_M = self._diagonals
-        blurred = find_blurred(in_K[0] + k @ in_K[1:], in_M[0] + m @ in_M[1:])
-        if blurred.any() and len(k) > 1:
-            results = []
+        self, parameters: Parameters, units: Mapping[str, Matrix]
+    ) -> tuple[dict[str, Floats], list[Floats]]:
+        """Return displacements and their derivatives by each coefficient."""
+        (k,), where = self.coefficients(parameters)
+        if isinstance(self._sum, SparseSum):
+            rows = []
             for i in range(len(k)):
-                one, at = slice(i, i + 1), partial(lambda row, _: describe(row), i)
-                here = slopes and {
-                    name: (by_k[None], by_m[None])
-                    for name, (by_k, by_m) in at_row(slopes, i).items()
-                }
-                results.append(self._solve(k[one], m[one], here, at))
-            return join(results)
-        problem = self.sparse if blurred.any() else self.dense
-        if slopes is None:
-            return problem.solve(k, m, describe), {}
-        return problem.jacobian(k, m, slopes, describe)
+                factor = factor_definite(self._sum(k[i]))
+                if factor is None:
+                    raise _indefinite(where(i))
+                rows.append(self._displace(factor.solve, units))
+            u, *by_unit = map(np.array, zip(*rows, strict=True))
+        else:
+            K = combine(self._sum, k)
+            try:
+                np.linalg.cholesky(K)
+            except np.linalg.LinAlgError:
+                worst = int(np.argmin(np.linalg.eigvalsh(K)[:, 0]))
+                raise _indefinite(where(worst)) from None
+            u, *by_unit = self._displace(partial(np.linalg.solve, K), units)
+        return {"displacement": u}, by_unit
+
+    def _displace(
+        self, solve: Callable[[Floats], Floats], units: Mapping[str, Matrix]
+    ) -> list[Floats]:
+        """Return displacements ``(..., cases, points)`` and derivatives by each unit.
+
+        ``solve`` returns ``K^-1 f`` for forces ``(..., N, cases)``.
+        """
+        u = solve(self._forces)
+        every = [u, *(-solve(unit @ u) for unit in units.values())]
+        return [part[..., list(self.points), :].swapaxes(-1, -2) for part in every]
+
+
+def _indefinite(where: str) -> ValueError:
+    return ValueError(
+        f"K: the stiffness is not positive definite at {where}: a mechanism, a "
+        "support that was not taken out, or a negative parameter"
+    )
+
+
+def _read_force(case: str, value: ArrayLike | Mapping[int, float], size: int) -> Floats:
+    """Return the forces ``(N,)`` of a load case."""
+    label = f"loads[{case!r}]"
+    if isinstance(value, Mapping):
+        force = np.zeros(size)
+        places = choose_dofs(label, tuple(value), range(size)).values()
+        for place, number in zip(places, value.values(), strict=True):
+            force[place] = checks.real_number(label, number)
+    else:
+        force = checks.shaped_array(label, value, (size,))
+    if not force.any():
+        raise ValueError(f"{label}: expected forces that are not all zero")
+    return force

@@ -121,8 +121,7 @@ class PairedModel:
         min_mac: float = 0.5,
         min_gap: float = 0.02,
     ) -> None:
-        if not callable(model):
-            raise TypeError(f"model: expected a callable, got {type(model).__name__}")
+        checks.function("model", model)
         if reference is not None:
             measurements = _solve_reference(model, measurements, reference)
         test = checks.instance("measurements", measurements, Measurements)
@@ -133,9 +132,8 @@ class PairedModel:
             )
         self.model, self.measurements = model, test
         n_modes = test.n_modes
-        if candidates is None:
-            candidates = 2 * n_modes
-        self.candidates = checks.whole_number("candidates", candidates, n_modes)
+        wanted = 2 * n_modes if candidates is None else candidates
+        self.candidates = checks.whole_number("candidates", wanted, n_modes)
         self.min_mac = checks.real_number("min_mac", min_mac, 0.0, 1.0)
         self.min_gap = checks.real_number("min_gap", min_gap, 0.0)
         size = np.sqrt(np.nansum(test.shapes**2, axis=0))
@@ -161,12 +159,12 @@ class PairedModel:
 
         Frequencies, shapes and MAC have derivatives; mode numbers change in steps.
         """
-        return self._pass_on(read_declared(self.model, "jacobian"))
+        return self._pass_on("jacobian")
 
     @property
     def spread(self) -> Differentiate | None:
         """Like ``jacobian``, for the directions in which an emulator is uncertain."""
-        return self._pass_on(read_declared(self.model, "spread"))
+        return self._pass_on("spread")
 
     __repr__ = show_declared
 
@@ -177,12 +175,11 @@ class PairedModel:
     def pair(self, response: Response) -> PairedSolution:
         """Return the modes of a response in the order of the measured ones."""
         modes = self.read_candidates(response)
-        return self._solution(*_pair_modes(self._shapes, *modes, self.min_gap))
+        return self._solution(*self._pair(*modes))
 
-    def _pass_on(self, differentiate: Differentiate | None) -> Differentiate | None:
-        if differentiate is None:
-            return None
-        return partial(self._differentiate, differentiate)  # goes to other processes
+    def _pass_on(self, attribute: str) -> Differentiate | None:
+        function = read_declared(self.model, attribute)  # goes to other processes
+        return function and partial(self._differentiate, function)
 
     def _differentiate(
         self, differentiate: Differentiate, parameters: Parameters
@@ -190,17 +187,15 @@ class PairedModel:
         """Return paired modes and their derivatives."""
         response, derivatives = differentiate(parameters)
         modes = self.read_candidates(response)
-        chosen, paired = _pair_modes(self._shapes, *modes, self.min_gap)
+        chosen, paired = self._pair(*modes)
         names = [*dict.fromkeys(name for by in derivatives.values() for name in by)]
         needed = "frequency", "shapes"
         gathered = gather_tangents("jacobian", response, derivatives, names, needed)
-        tangents = (
-            np.moveaxis(gathered["frequency"], -1, 0)[..., : self.candidates],
-            self._at_sensors(np.moveaxis(gathered["shapes"], -1, 0)),
-        )
+        by_f, by_shape = (np.moveaxis(gathered[name], -1, 0) for name in needed)
+        tangents = by_f[..., : self.candidates], self._at_sensors(by_shape)
 
         def pair_again(f: Floats, shapes: Floats) -> dict[str, Floats]:
-            return _pair_modes(self._shapes, f, shapes, self.min_gap, chosen)[1]
+            return self._pair(f, shapes, chosen)[1]
 
         speed = (np.abs(tangents[0]) / modes[0]).max(axis=2) / (self.min_gap or 1.0)
         size = np.abs(modes[1]).max(axis=(1, 2))
@@ -211,6 +206,67 @@ class PairedModel:
         slopes["frequency"] = dict(zip(names, exact, strict=True))
         slopes |= {"model_mode": {}, "unpaired": {}}
         return self._solution(chosen, paired), slopes
+
+    def _pair(
+        self, frequencies: Floats, shapes: Floats, chosen: Indices | None = None
+    ) -> tuple[Indices, dict[str, Floats]]:
+        """Return one candidate for each measured mode, one-to-one by MAC.
+
+        Args:
+            frequencies: Frequencies of the candidates ``(n, q)``.
+            shapes: Their shapes at the sensors ``(n, r, q)``.
+            chosen: The assignment ``(n, p)``, if it is already known.
+
+        Returns:
+            The candidate of each measured mode, 0 = the lowest, ``(n, p)``;
+            frequencies, shapes and MAC in that order.
+        """
+        there = ~np.isnan(self._shapes)
+        measured = np.where(there, self._shapes, 0.0)
+        # The modes that share their sensors are compared at these.
+        groups: dict[bytes, list[int]] = {}
+        for i, column in enumerate(there.T):
+            groups.setdefault(column.tobytes(), []).append(i)
+        alike = [(there[:, modes[:1]], modes) for modes in groups.values()]
+        mac = np.empty((len(shapes), measured.shape[1], shapes.shape[2]))  # (n, p, q)
+        for sensors, modes in alike:
+            mac[:, modes] = (measured[:, modes].T @ _scale(shapes * sensors)) ** 2
+        score = mac.copy()
+        shared = np.full(frequencies.shape, -1)  # numbers of those that share a space
+        projections = np.empty((0, *measured.shape))
+        with np.errstate(invalid="ignore"):  # infinite ones, which LogPosterior refuses
+            close = (np.diff(frequencies) < self.min_gap * frequencies[:, :-1]).any(
+                axis=1
+            )
+        if close.any():
+            coupling = _couple_modes(frequencies[close], self.min_gap)
+            at, mode = np.nonzero((coupling > 0).sum(axis=2) > 1)
+            row = np.flatnonzero(close)[at]
+            shared[row, mode] = np.arange(len(row))
+            projections = np.empty((len(row), *measured.shape))
+            for sensors, modes in alike:
+                unit, weights = _scale(shapes[row] * sensors), coupling[at, mode]
+                spanned, projected = _widen(measured[:, modes], unit, weights)
+                mac[row[:, None], modes, mode[:, None]] = spanned
+                projections[:, :, modes] = projected
+            score = mac + TIE_BREAK * score
+        if chosen is None:
+            chosen = score.argmax(axis=2)
+            ordered = np.sort(chosen, axis=1)
+            # Where the best ones differ they are the answer, and usually they do.
+            repeated = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
+            for one in np.flatnonzero(repeated):
+                chosen[one] = linear_sum_assignment(score[one], maximize=True)[1]
+        paired = np.take_along_axis(shapes, chosen[:, None], axis=2)
+        number = np.take_along_axis(shared, chosen, axis=1)
+        row, which = np.nonzero(number >= 0)
+        # Of those that share one, the projection of the measured shape on their space.
+        paired[row, :, which] = projections[number[row, which], :, which]
+        return chosen, {
+            "frequency": np.take_along_axis(frequencies, chosen, axis=1),
+            "shapes": paired,
+            "mac": np.take_along_axis(mac, chosen[:, :, None], axis=2)[:, :, 0],
+        }
 
     def _solution(self, chosen: Indices, paired: dict[str, Floats]) -> PairedSolution:
         f, shapes, mac = paired.values()
@@ -346,83 +402,11 @@ def at_sensors(shapes: Floats, dofs: Indices | None, n_sensors: int) -> Floats:
     return shapes[..., numbers, :]
 
 
-def _pair_modes(
-    measured: Floats,
-    frequencies: Floats,
-    shapes: Floats,
-    min_gap: float,
-    chosen: Indices | None = None,
-) -> tuple[Indices, dict[str, Floats]]:
-    """Return one candidate for each measured mode, one-to-one by MAC.
-
-    Args:
-        measured: Unit shapes ``(r, p)``, NaN where a sensor was missing.
-        frequencies: Frequencies of the candidates ``(n, q)``.
-        shapes: Their shapes at the sensors ``(n, r, q)``.
-        min_gap: See :class:`PairedModel`.
-        chosen: The assignment ``(n, p)``, if it is already known.
-
-    Returns:
-        The candidate of each measured mode, 0 = the lowest, ``(n, p)``; frequencies,
-        shapes and MAC in that order.
-    """
-    there = ~np.isnan(measured)
-    measured = np.where(there, measured, 0.0)
-    # The modes that share their sensors are compared at these.
-    groups: dict[bytes, list[int]] = {}
-    for i, column in enumerate(there.T):
-        groups.setdefault(column.tobytes(), []).append(i)
-    alike = [(there[:, modes[:1]], modes) for modes in groups.values()]
-    mac = np.empty((len(shapes), measured.shape[1], shapes.shape[2]))  # (n, p, q)
-    for sensors, modes in alike:
-        mac[:, modes] = (measured[:, modes].T @ _scale(shapes * sensors)) ** 2
-    score = mac.copy()
-    shared = np.full(frequencies.shape, -1)  # numbers of those that share a space
-    projections = np.empty((0, *measured.shape))
-    with np.errstate(invalid="ignore"):  # infinite ones, which LogPosterior refuses
-        close = (np.diff(frequencies) < min_gap * frequencies[:, :-1]).any(axis=1)
-    if close.any():
-        coupling = _couple_modes(frequencies[close], min_gap)
-        at, mode = np.nonzero((coupling > 0).sum(axis=2) > 1)
-        row = np.flatnonzero(close)[at]
-        shared[row, mode] = np.arange(len(row))
-        projections = np.empty((len(row), *measured.shape))
-        for sensors, modes in alike:
-            unit, weights = _scale(shapes[row] * sensors), coupling[at, mode]
-            spanned, projected = _widen(measured[:, modes], unit, weights)
-            mac[row[:, None], modes, mode[:, None]] = spanned
-            projections[:, :, modes] = projected
-        score = mac + TIE_BREAK * score
-    if chosen is None:
-        chosen = _choose_one_to_one(score)
-    paired = np.take_along_axis(shapes, chosen[:, None], axis=2)
-    number = np.take_along_axis(shared, chosen, axis=1)
-    row, which = np.nonzero(number >= 0)
-    # Of those that share one, the projection of the measured shape on their space.
-    paired[row, :, which] = projections[number[row, which], :, which]
-    return chosen, {
-        "frequency": np.take_along_axis(frequencies, chosen, axis=1),
-        "shapes": paired,
-        "mac": np.take_along_axis(mac, chosen[:, :, None], axis=2)[:, :, 0],
-    }
-
-
 def _scale(shapes: Floats) -> Floats:
     """Return shapes ``(n, r, q)`` of unit length, or zero."""
     size = np.sqrt((shapes**2).sum(axis=1, keepdims=True))
     unit: Floats = shapes * np.divide(1, size, out=np.zeros_like(size), where=size > 0)
     return unit
-
-
-def _choose_one_to_one(score: Floats) -> Indices:
-    """Return the columns ``(n, p)`` of the best one-to-one choices of ``(n, p, q)``."""
-    best: Indices = score.argmax(axis=2)
-    ordered = np.sort(best, axis=1)
-    # Where the best ones differ they are the answer, and usually they do.
-    repeated = ordered[:, 1:] == ordered[:, :-1]
-    for row in np.flatnonzero(repeated.any(axis=1)):
-        best[row] = linear_sum_assignment(score[row], maximize=True)[1]
-    return best
 
 
 def _couple_modes(frequencies: Floats, min_gap: float) -> Floats:

@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING, Any
 
 from .delayed_acceptance import DelayedAcceptanceMove as DelayedAcceptanceMove
 from .demc import DEMCMove as DEMCMove
+from .demc import MetropolisMove as MetropolisMove
 from .hamiltonian import HamiltonianMove as HamiltonianMove
 from .independence import IndependenceMove as IndependenceMove
-from .metropolis import MetropolisMove as MetropolisMove
 
 if TYPE_CHECKING:
     from ..extensions.tempering import TemperedMove as TemperedMove

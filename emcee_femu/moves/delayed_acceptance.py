@@ -80,8 +80,7 @@ class DelayedAcceptanceMove(ProposingMove, Report):
     def __init__(
         self, inner: Move, cheap: Callable[[Floats], ArrayLike], steps: Steps = 1
     ) -> None:
-        if not callable(cheap):
-            raise TypeError(f"cheap: expected a callable, got {cheap!r}")
+        checks.function("cheap", cheap)
         self.inner, self.cheap = only_propose(inner), cheap
         ends = steps if isinstance(steps, tuple | list | np.ndarray) else (steps, steps)
         lengths = [checks.whole_number("steps", end, 1) for end in ends]
@@ -146,9 +145,22 @@ class DelayedAcceptanceMove(ProposingMove, Report):
         low, high = self._lengths
         length = random.randint(low, high + 1) if low < high else low
         self.proposed += length * len(theta)
-        if isinstance(self.inner, IndependenceMove):
-            return self._walk_independently(self.inner, theta, values, random, length)
         ever = np.zeros(len(theta), dtype=bool)
+        if isinstance(self.inner, IndependenceMove):
+            # No step changes the proposals: all of them are evaluated at once.
+            n = len(theta)
+            proposed = self.inner.mixture.draw(random, length * n)
+            new = self._evaluate(proposed)
+            weights = (new - self.inner.log_density(proposed)).reshape(length, n)
+            thresholds = weights + random.standard_exponential((length, n))
+            here, last = values - self.inner.log_density(theta), np.full(n, -1)
+            for step in range(length):
+                moved = thresholds[step] > here
+                here[moved], last[moved] = weights[step, moved], step
+            ever = last >= 0
+            chosen = (last * n + np.arange(n))[ever]
+            theta[ever], values[ever] = proposed[chosen], new[chosen]
+            return ever
         for _ in range(length):
             proposed, log_factors = propose(theta)
             new = self._evaluate(proposed)
@@ -158,29 +170,6 @@ class DelayedAcceptanceMove(ProposingMove, Report):
             moved = new > threshold
             theta[moved], values[moved] = proposed[moved], new[moved]
             ever |= moved
-        return ever
-
-    def _walk_independently(
-        self,
-        inner: IndependenceMove,
-        theta: Floats,
-        values: Floats,
-        random: RandomState,
-        length: int,
-    ) -> NDArray[np.bool_]:
-        """Do the same with proposals that no step changes, all evaluated at once."""
-        n = len(theta)
-        proposed = inner.mixture.draw(random, length * n)
-        new = self._evaluate(proposed)
-        weights = (new - inner.log_density(proposed)).reshape(length, n)
-        thresholds = weights + random.standard_exponential((length, n))
-        here, last = values - inner.log_density(theta), np.full(n, -1)
-        for step in range(length):
-            moved = thresholds[step] > here
-            here[moved], last[moved] = weights[step, moved], step
-        ever: NDArray[np.bool_] = last >= 0
-        chosen = (last * n + np.arange(n))[ever]
-        theta[ever], values[ever] = proposed[chosen], new[chosen]
         return ever
 
     def _evaluate(self, theta: Floats) -> Floats:

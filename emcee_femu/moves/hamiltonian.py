@@ -13,7 +13,7 @@ from scipy.special import ndtri
 
 from .. import checks
 from ..contracts import Floats
-from .proposing import Indices, ProposingMove, check_state, overwrite, refresh
+from .proposing import Indices, ProposingMove, check_state, refresh
 
 JITTER = 0.2  # of the step size, so that trajectories do not return to their start
 # Share of trajectories with steps down to a thirtieth: far from the posterior, in
@@ -146,11 +146,8 @@ class HamiltonianMove(Move):
 
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse a dimension that differs from the metric's."""
-        if self._factor is not None and len(self._factor) != ndim:
-            raise ValueError(
-                f"metric: expected that of {ndim} parameters, got one of "
-                f"{len(self._factor)}"
-            )
+        if self._factor is not None:
+            checks.shaped("metric", self._factor.shape, (ndim, ndim))
 
     def propose(self, model: Model, state: State) -> tuple[State, NDArray[np.bool_]]:
         """Move every walker once; return the state and who was accepted."""
@@ -180,8 +177,10 @@ class HamiltonianMove(Move):
         new = here.take(here.log_density > threshold[here.walkers])
         accepted = np.zeros(n, dtype=bool)
         accepted[new.walkers] = True
-        blobs = new.rows[:, 1:] if new.rows.shape[1] > 1 else None
-        overwrite(state, new.walkers, new.coords, new.rows[:, 0], blobs)
+        state.coords[new.walkers] = new.coords
+        state.log_prob[new.walkers] = new.rows[:, 0]
+        if state.blobs is not None:
+            state.blobs[new.walkers] = new.rows[:, 1:]
         gradient[new.walkers] = new.gradient
         self._before = state.coords.copy(), gradient
         return state, accepted

@@ -62,15 +62,14 @@ class IndependenceMove(ProposingMove):
     ) -> None:
         self.weights = checks.positive_array("weights", weights, 1)
         self.means = checks.real_array("means", means, 2)
-        self.scale_matrices = checks.real_array("scale_matrices", scale_matrices, 3)
         self.df = checks.positive_array("df", df, 0).item()
-        k, ndim = self.means.shape
-        if self.weights.shape != (k,) or self.scale_matrices.shape != (k, ndim, ndim):
-            raise ValueError(
-                f"weights, scale_matrices: expected shapes ({k},) and "
-                f"({k}, {ndim}, {ndim}) for means of shape {self.means.shape}, got "
-                f"{self.weights.shape} and {self.scale_matrices.shape}"
-            )
+        k, ndim = len(self.weights), self.means.shape[1]
+        remedy = "a row for each of weights"
+        checks.shaped("means", self.means.shape, (k, ndim), remedy=remedy)
+        matrices = checks.shaped_array(
+            "scale_matrices", scale_matrices, (k, ndim, ndim)
+        )
+        self.scale_matrices = matrices
         for matrix in self.scale_matrices:
             checks.covariance_factor("scale_matrices", matrix)
         total = self.weights.sum()
@@ -122,11 +121,7 @@ class IndependenceMove(ProposingMove):
 
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse a dimension that differs from the mixture's."""
-        if self.means.shape[1] != ndim:
-            raise ValueError(
-                f"means: expected {ndim} columns for {ndim} parameters, got "
-                f"{self.means.shape[1]}"
-            )
+        checks.shaped("means", self.means.shape, (len(self.means), ndim))
 
     def log_density(self, theta: Floats) -> Floats:
         """Return the log density ``(n,)`` of q at ``theta (n, ndim)``."""

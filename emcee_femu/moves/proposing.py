@@ -43,9 +43,9 @@ class ProposingMove(Move):
 
     def __repr__(self) -> str:
         """Return the call that makes an equal move."""
-        names = signature(type(self)).parameters
-        values = {name: getattr(self, name) for name in names if hasattr(self, name)}
-        call = ", ".join(f"{name}={_as_code(value)}" for name, value in values.items())
+        names, values = signature(type(self)).parameters, vars(self)
+        shown = (f"{name}={_as_code(values[name])}" for name in names if name in values)
+        call = ", ".join(shown)
         return f"{type(self).__name__}({call})"
 
     def check(self, nwalkers: int, ndim: int) -> None:
@@ -78,7 +78,7 @@ class ProposingMove(Move):
         return lambda walkers: self.get_proposal(walkers, guides, random)
 
     def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
-        """Yield walkers, proposals and log-factors, as accept_or_reject takes them.
+        """Yield walkers, proposals and log-factors, a batch of accept_or_reject.
 
         Each batch is accepted or rejected, and ``coords (nwalkers, ndim)`` changed in
         place, before the next one is asked for.
@@ -92,7 +92,7 @@ class ProposingMove(Move):
         check_state(state)
         accepted = np.zeros(len(state.coords), dtype=bool)
         for batch in self.batches(state.coords, model.random):
-            accepted[accept_or_reject(model, state, *batch)] = True
+            accepted[accept_or_reject(model, state, batch)] = True
         return state, accepted
 
 
@@ -152,12 +152,7 @@ def find_stock_fault(move: Move, ndim: int) -> str:
 
 
 def accept_or_reject(
-    model: Model,
-    state: State,
-    walkers: Indices,
-    proposed: Floats,
-    log_factors: Floats | None = None,
-    betas: Floats | None = None,
+    model: Model, state: State, batch: Batch, betas: Floats | None = None
 ) -> Indices:
     r"""Evaluate proposals for ``walkers``, accept or reject each, update the state.
 
@@ -166,9 +161,8 @@ def accept_or_reject(
     Args:
         model: emcee's ``Model``: log-probability function and random stream.
         state: emcee's ``State``; the accepted walkers are overwritten in place.
-        walkers: Indices ``(k,)`` of the walkers that may move.
-        proposed: Proposals ``(k, ndim)``.
-        log_factors: F of an asymmetric proposal, ``(k,)``.
+        batch: Indices ``(k,)`` of the walkers that may move; proposals ``(k, ndim)``;
+            F of an asymmetric proposal, ``(k,)``, or None.
         betas: Powers of the likelihood other than 1, ``(k,)``.
 
     Returns:
@@ -176,6 +170,7 @@ def accept_or_reject(
 
     Source: Eqs. 3.1 and 3.3 of Sherri, Boulkaibet, Marwala and Friswell.
     """
+    walkers, proposed, log_factors = batch
     if not len(walkers):
         return walkers
     log_prob, blobs = model.compute_log_prob_fn(proposed)
@@ -190,23 +185,11 @@ def accept_or_reject(
         threshold -= log_factors
     better = (target > threshold).nonzero()[0]
     moved: Indices = walkers.take(better)
-    new = proposed.take(better, axis=0), log_prob.take(better)
-    overwrite(state, moved, *new, None if blobs is None else blobs[better])
-    return moved
-
-
-def overwrite(
-    state: State,
-    moved: Indices,
-    coords: Floats,
-    log_prob: Floats,
-    blobs: NDArray[np.generic] | None,
-) -> None:
-    """Write where the walkers ``moved`` are now into the state."""
-    state.coords[moved] = coords
-    state.log_prob[moved] = log_prob
+    state.coords[moved] = proposed.take(better, axis=0)
+    state.log_prob[moved] = log_prob.take(better)
     if blobs is not None:
-        state.blobs[moved] = blobs
+        state.blobs[moved] = blobs[better]
+    return moved
 
 
 def refresh(

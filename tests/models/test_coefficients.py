@@ -111,7 +111,7 @@ def test_the_flexibility_of_frfs_takes_them():
         ((MASS, lambda: 1.0), "arguments are parameters"),
         ((MASS, lambda *x: 1.0), "arguments are parameters"),
         ((MASS, bending, 1.0), r"expected \(matrix, function\), got"),
-        ((MASS, lambda t: 1.0), r"function of 'a': expected numbers \(2,\).*got \(\)"),
+        ((MASS, lambda t: 1.0), r"function of 'a': .*\(2,\).*got \(\)"),
         ((MASS, lambda t: np.log(t - 1.0)), r"got -?(nan|inf) at \{'t': 0\.8"),
         ((MASS, lambda t: t + 1j), "function of 'a': expected real numbers"),
     ],

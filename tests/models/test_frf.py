@@ -109,3 +109,10 @@ def test_derivatives(damping, residual):
         expected = differences(model, parameters, name, "accelerance", 1e-4)
         found, scale = slopes["accelerance"][name], np.abs(expected).max()
         np.testing.assert_allclose(found / scale, expected / scale, atol=1e-6)
+
+
+def test_parameters_are_those_of_the_model_and_of_the_damping():
+    springs = {"k1": (0, 1, 10.0)}  # whose default makes k1 no parameter that is needed
+    model = ef.MassSpringModel([1.0], springs, shapes=True)
+    frf = ef.frf.FRFModel(model, LINES, [(0, 0)], damping="zeta")
+    assert (frf.names, one_mass().names) == (("zeta",), ("k", "zeta"))

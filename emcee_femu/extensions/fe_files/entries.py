@@ -57,6 +57,19 @@ def read_number(text: str) -> float:
     return float(BARE_EXPONENT.sub(r"E\1", text.strip().upper().replace("D", "E")))
 
 
+def read_cells(line: str, width: int) -> list[float]:
+    """Return the numbers of a line, in cells of the width or between blanks.
+
+    ``scipy.io.hb_write`` writes its values in 24 columns and says that they have 25.
+    """
+    line = line.rstrip()
+    try:
+        cells = [line[i : i + width] for i in range(0, len(line), width)]
+        return [read_number(cell) for cell in cells]
+    except ValueError:
+        return [read_number(cell) for cell in line.split()]
+
+
 def build_matrix(
     label: Path | str,
     rows: NDArray[np.int64],
@@ -106,19 +119,12 @@ def build_matrix(
 
 
 def build_labelled(
-    name: str,
-    path: Path,
-    rows: Dofs,
-    columns: Dofs,
-    values: Floats,
-    *,
-    mirror: bool = True,
+    name: str, path: Path, pairs: Dofs, values: Floats, *, mirror: bool = True
 ) -> Part:
-    """Return the matrix of entries at rows and columns ``(n, 2)`` of DOFs, sorted."""
+    """Return the matrix of entries at pairs of DOFs ``(n, 2, 2)``, sorted."""
     label = f"{path}, {name}" if name else path
-    both = np.concatenate([rows, columns])
-    dofs, at = np.unique(both, axis=0, return_inverse=True)
-    i, j = at.reshape(2, -1)
+    dofs, at = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
+    i, j = at.reshape(-1, 2).T
     matrix = build_matrix(label, i, j, values, len(dofs), mirror=mirror)
     return Part(name, path, matrix, dofs)
 

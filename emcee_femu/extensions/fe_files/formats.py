@@ -18,9 +18,9 @@ from .entries import (
     build_labelled,
     build_matrix,
     check,
+    read_cells,
     read_columns,
     read_lines,
-    read_number,
     try_part,
 )
 from .nastran import OP4_HEADER, read_dmig, read_op4
@@ -66,8 +66,7 @@ def _read_part(path: Path) -> Part:
         return read_triplets(path, delimiter)
     form = "node,dof,node,dof,value".replace(",", delimiter or " ")
     labels, values = read_columns(path, form, 4, delimiter)
-    pairs = labels.reshape(-1, 2, 2)
-    return build_labelled("", path, pairs[:, 0], pairs[:, 1], np.ravel(values))
+    return build_labelled("", path, labels.reshape(-1, 2, 2), values[:, 0])
 
 
 def read_full(path: Path) -> list[Part]:
@@ -167,7 +166,7 @@ def read_harwell_boeing(path: Path) -> list[Part]:
         widths = re.findall(r"[DEFGI](\d+)", lines[3].upper())
         numbers = []
         for count, width in zip(counts[1:4], map(int, widths[:3]), strict=True):
-            every = [_read_cells(x, width) for x in lines[at : at + count]]
+            every = [read_cells(x, width) for x in lines[at : at + count]]
             numbers.append(np.array([number for cells in every for number in cells]))
             at += count
         whole = np.concatenate(numbers[:2])
@@ -186,19 +185,6 @@ def read_harwell_boeing(path: Path) -> list[Part]:
     mirror = kind.upper() == "RSA"
     matrix = build_matrix(path, rows - 1, columns, numbers[2], size, mirror=mirror)
     return [Part("", path, matrix)]
-
-
-def _read_cells(line: str, width: int) -> list[float]:
-    """Return the numbers of a line, in cells of the width or between blanks.
-
-    ``scipy.io.hb_write`` writes its values in 24 columns and says that they have 25.
-    """
-    line = line.rstrip()
-    try:
-        cells = [line[i : i + width] for i in range(0, len(line), width)]
-        return [read_number(cell) for cell in cells]
-    except ValueError:
-        return [read_number(cell) for cell in line.split()]
 
 
 def read_npz(path: Path) -> list[Part]:
@@ -244,16 +230,7 @@ def read_labels(path: Path) -> Dofs:
     Raises:
         ValueError: If a line is no label.
     """
-    labels = []
-    for number, line in enumerate(read_lines(path), 1):
-        node, point, direction = line.strip().partition(".")
-        if not (point and node.isdecimal() and direction.isdecimal()):
-            raise ValueError(
-                f"{path}, line {number}: expected node.direction, such as 12.3, got "
-                f"{line[:60]!r}; {AGAIN}"
-            )
-        labels.append((int(node), int(direction)))
-    return np.array(labels, dtype=np.int64).reshape(-1, 2)
+    return read_columns(path, "node.direction", 2, delimiter=".")[0]
 
 
 def read_calculix(path: Path) -> list[Part]:

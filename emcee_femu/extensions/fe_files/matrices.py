@@ -62,11 +62,12 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
         [[3.0, -1.0], [-1.0, 1.0]]
     """
     if isinstance(path, Mapping):
-        for name, given in path.items():
-            checks.file_name(f"path[{name!r}]", given)
-        files = {name: Path(given) for name, given in path.items()}
+        files = {
+            name: Path(checks.file_name(f"path[{name!r}]", given))
+            for name, given in checks.by_label("path", path, "files").items()
+        }
         labels = files.pop(LABELS, None)
-        if not files or not all(isinstance(name, str) and name for name in files):
+        if not files:
             raise ValueError(
                 "path: expected files by the names of their matrices, such as "
                 f"{{'K': path, 'M': path}}, got {path!r}"
@@ -82,7 +83,14 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
                 )
             parts.append(chosen[0]._replace(name=name))
         if labels is not None:
-            parts = _label(parts, labels)
+            dofs = read_labels(labels)
+            for part in parts:
+                if part.dofs is not None and not np.array_equal(part.dofs, dofs):
+                    raise ValueError(
+                        f"path['{LABELS}']: {part.path} has its own row labels, and "
+                        f"those of {labels} differ; leave it out"
+                    )
+            parts = [part._replace(dofs=dofs) for part in parts]
         source = ", ".join(file.name for file in files.values())
     else:
         file = Path(checks.file_name("path", path))
@@ -97,18 +105,6 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
     if {"K", "M"} <= {*read.matrices}:
         warn_of_uncoupled([read.K], [read.M], read.labels)
     return read
-
-
-def _label(parts: list[Part], path: Path) -> list[Part]:
-    """Return the parts with the labels of a file."""
-    dofs = read_labels(path)
-    for part in parts:
-        if part.dofs is not None and not np.array_equal(part.dofs, dofs):
-            raise ValueError(
-                f"path['{LABELS}']: {part.path} has its own row labels, and those of "
-                f"{path} differ; leave it out"
-            )
-    return [part._replace(dofs=dofs) for part in parts]
 
 
 def _join(parts: list[Part], source: str, asked: Collection[str]) -> Matrices:

@@ -15,6 +15,7 @@ from .entries import (
     Part,
     build_labelled,
     check,
+    read_cells,
     read_lines,
     read_number,
     try_part,
@@ -43,14 +44,14 @@ def read_op4(path: Path) -> list[Part]:
         ValueError: If there is none, or a name is there twice.
     """
     lines, parts = read_lines(path), []
-    starts = [i for i, line in enumerate(lines) if OP4_HEADER.fullmatch(line)]
-    for start, end in zip(starts, [*starts[1:], len(lines)], strict=True):
-        header = OP4_HEADER.fullmatch(lines[start])
-        assert header is not None
+    headers = [(i, OP4_HEADER.fullmatch(line)) for i, line in enumerate(lines)]
+    found = [(i, header) for i, header in headers if header]
+    ends = [*(i for i, _ in found[1:]), len(lines)]
+    for (start, header), end in zip(found, ends, strict=True):
         wide = len(header[1]) // 2 - 8
         size, rows = int(header[1][:wide]), abs(int(header[1][wide:-16]))
         if size == rows:  # no load
-            read = partial(_read_op4_part, path, lines, start, end, size)
+            read = partial(_read_op4_part, path, lines, header, start, end)
             parts.append(try_part(header[2], path, read))
     if not parts:
         raise ValueError(f"{path}: no square matrix; write K and M by OUTPUT4")
@@ -59,12 +60,11 @@ def read_op4(path: Path) -> list[Part]:
 
 
 def _read_op4_part(
-    path: Path, lines: list[str], start: int, end: int, size: int
+    path: Path, lines: list[str], header: re.Match[str], start: int, end: int
 ) -> Part:
     """Return the matrix of the lines from its header to the next."""
-    header = OP4_HEADER.fullmatch(lines[start])
-    assert header is not None
     name, width, kind = header[2], int(header[3] or OP4_WIDTH), int(header[1][-8:])
+    size = int(header[1][: len(header[1]) // 2 - 8])
     if kind not in OP4_WORDS:
         raise ValueError(f"{path}, line {start + 1}: {name} {IS_COMPLEX}")
     try:
@@ -88,9 +88,7 @@ def _read_strings(
             first, values = at, []
             while at + 1 < end and "." in lines[at + 1]:
                 at += 1
-                line = lines[at].rstrip()
-                starts = range(0, len(line), width)
-                values += [read_number(line[i : i + width]) for i in starts]
+                values += read_cells(lines[at], width)
             at += 1
             if left:  # a string
                 count, row = (
@@ -177,8 +175,8 @@ def read_dmig(path: Path) -> list[Part]:
         elif not rows:
             faults.setdefault(name, f"{path}: no entry in a column of {name}; {AGAIN}")
         table = np.array(rows).reshape(-1, 5)
-        j, i = table[:, :4].astype(np.int64).reshape(-1, 2, 2).swapaxes(0, 1)
-        entries_of = name, path, i, j, table[:, 4]
+        pairs = table[:, :4].astype(np.int64).reshape(-1, 2, 2)[:, ::-1]  # row, column
+        entries_of = name, path, pairs, table[:, 4]
         read = partial(build_labelled, *entries_of, mirror=form == SYMMETRIC)
         part = Part(name, path, NOTHING, fault=faults.get(name, ""))
         parts.append(part if part.fault else try_part(name, path, read))

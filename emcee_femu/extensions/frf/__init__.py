@@ -2,5 +2,5 @@
 
 from .measurements import FRFMeasurements as FRFMeasurements
 from .model import FRFModel as FRFModel
-from .term import FRFTerm as FRFTerm
-from .term import plot_frf as plot_frf
+from .model import FRFTerm as FRFTerm
+from .model import plot_frf as plot_frf

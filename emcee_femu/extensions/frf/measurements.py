@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Hashable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from copy import copy
+from functools import partial
 from os import PathLike
 from typing import Any, NamedTuple, Self, TypeAlias
 
@@ -68,11 +69,11 @@ def read_kind(kind: object, kinds: Collection[str] = FRF_KINDS) -> str:
     return kind
 
 
-def read_channels(channels: Any) -> tuple[tuple[Channel, ...], Floats]:
+def read_channels(channels: object) -> tuple[tuple[Channel, ...], Floats]:
     """Return pairs of DOFs along the axes, and the sign of each pair as given."""
     form = "pairs (response DOF, excitation DOF)"
-    if not isinstance(channels, Sequence) or isinstance(channels, str) or not channels:
-        raise TypeError(f"channels: expected {form}, got {channels!r}")
+    if not (channels := checks.sequence("channels", channels, form)):
+        raise TypeError(f"channels: expected at least one of {form}, got none")
     pairs = [checks.group("channels", pair, form, 2) for pair in channels]
     turned = [[along_axis(dof) for dof in pair] for pair in pairs]
     result = tuple(Channel(*(dof for dof, _ in pair)) for pair in turned)
@@ -294,14 +295,15 @@ def _read_uff58(path: Path, averages: int | None, kind: str | None) -> dict[str,
     for i, number in enumerate(types):
         place = f"{path}, data set {i + 1}"
         if number == 164:
-            units = _read_set(place, file, i)
+            units = _ask(place, partial(file.read_sets, i))
         if number != 58:
             continue
-        function = _read_set(place, file, i, header_only=True)["func_type"]
+        header = _ask(place, partial(file.read_sets, i, header_only=True))
+        function = header["func_type"]
         if function != FRF and (function != COHERENCE or averages is None):
             others.add(function)
             continue
-        data = _read_set(place, file, i)
+        data = _ask(place, partial(file.read_sets, i))
         _check_function(place, data)
         if lines is None:
             lines = np.asarray(data["x"], dtype=float)
@@ -355,20 +357,16 @@ def _open_uff(path: Path) -> tuple[Any, list[int]]:
         ) from None
     with open(path, "rb"):  # Python's message for a missing file, not pyuff's
         pass
+    file = _ask(path, partial(pyuff.UFF, str(path)))
+    return file, [int(number) for number in _ask(path, file.get_set_types)]
+
+
+def _ask(place: Path, call: Callable[[], Any]) -> Any:
+    """Return what a function of pyuff does."""
     try:
-        file = pyuff.UFF(str(path))
-        return file, [int(number) for number in file.get_set_types()]
+        return call()
     except Exception as error:  # the class that pyuff raises for whatever goes wrong
-        raise ValueError(f"{path}: pyuff cannot read it ({error})") from error
-
-
-def _read_set(place: str, file: Any, i: int, **options: bool) -> DataSet:
-    """Return data set i of a file."""
-    try:
-        data: DataSet = file.read_sets(i, **options)
-    except Exception as error:
         raise ValueError(f"{place}: pyuff cannot read it ({error})") from error
-    return data
 
 
 def _check_function(place: str, data: DataSet) -> None:

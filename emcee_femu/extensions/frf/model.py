@@ -1,9 +1,10 @@
-"""Frequency response functions by modal superposition, with their derivatives."""
+"""Frequency response functions by modal superposition; their likelihood and figure."""
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from ... import checks
@@ -11,19 +12,52 @@ from ...contracts import (
     Derivatives,
     Floats,
     Parameters,
+    Response,
     Variable,
+    gather_tangents,
     modal_variables,
     read,
     read_declared,
     show_declared,
 )
+from ...figures.style import BELOW, BLUE, Style, finish, subplots
+from ...likelihoods.term import MODEL_ERROR, Deviations, Term, error_array
+from ...models.coefficients import Unit
 from ...models.inputs import derive_along
-from ...models.matrix import AffineModel
-from ...models.static import StaticModel
-from .measurements import FRF_KINDS, frf_variable, read_channels, read_kind, read_lines
+from ...models.matrix import AffineModel, StaticModel
+from ...posterior.log_posterior import LogPosterior
+from ...results.arviz_objects import samples
+from ...results.tables import INTERVAL
+from ...results.to_arviz import read_samples
+from ...sampling.judge import spread_out
+from .measurements import (
+    FRF_KINDS,
+    FRFMeasurements,
+    frf_variable,
+    read_channels,
+    read_kind,
+    read_lines,
+)
 
 AT_ONCE = 2**20  # numbers of an array (walkers, modes, lines)
 PROPORTIONAL = ("mass", "stiffness")
+FRF_DRAWS = 200  # draws that are solved again
+# In words and as a formula in HTML, for reports.
+BY_AMPLITUDE = (
+    "The deviations of the logarithms of the amplitudes from the measured ones are "
+    "Gaussian, line by line. s is the standard deviation of the measurement.",
+    "ln |<i>H<sub>l</sub></i>(θ)| − ln |<i>H<sub>l</sub></i><sup>m</sup>| ~ N(0, "
+    "<i>s<sub>l</sub></i><sup>2</sup> / |<i>H<sub>l</sub></i><sup>m</sup>|"
+    "<sup>2</sup> + σ<sub>d</sub><sup>2</sup>)",
+)
+BY_PARTS = (
+    "The deviations of the frequency response from the measured one are Gaussian, line "
+    "by line, in their real and imaginary parts. s is the standard deviation of the "
+    "measurement.",
+    "<i>H<sub>l</sub></i>(θ) − <i>H<sub>l</sub></i><sup>m</sup> ~ N(0, "
+    "<i>s<sub>l</sub></i><sup>2</sup> + (σ<sub>d</sub> "
+    "|<i>H<sub>l</sub></i><sup>m</sup>|)<sup>2</sup>)",
+)
 # Share of the narrowest resonance by which derivatives move modes.
 RESONANCE_STEP = 1e-4
 
@@ -95,8 +129,7 @@ class FRFModel:
         unit: str | None = None,
         stored: bool = False,
     ) -> None:
-        if not callable(model):
-            raise TypeError(f"model: expected a callable, got {model!r}")
+        checks.function("model", model)
         self.model, self.kind = model, read_kind(kind)
         self.channels, self.lines = read_channels(channels)[0], read_lines(lines)
         declared = read_declared(model, "variables") or {}
@@ -122,10 +155,9 @@ class FRFModel:
         self._proportional = isinstance(damping, Mapping)
         self._damping = _read_damping(damping, declared["frequency"].size)
         self._inferred = [x for x in self._damping if isinstance(x, str)]
-        names = read_declared(model, "names")
-        self.names = (
-            None if names is None else tuple(dict.fromkeys([*names, *self._inferred]))
-        )
+        self.names = read_declared(model, "names")
+        if self.names is not None:
+            self.names = tuple(dict.fromkeys([*self.names, *self._inferred]))
         bounds = dict(read_declared(model, "bounds") or {})
         self.bounds = bounds | dict.fromkeys(self._inferred, (0.0, np.inf))
         self._static: Static | None = None
@@ -157,27 +189,24 @@ class FRFModel:
         Differences along those of the modes, which cost no solve.
         """
         modes, by_model = self.model.jacobian(parameters)
-        f, shapes = read(modes, "frequency"), read(modes, "shapes")
-        flexibility, by_static = np.zeros((len(f), 1)), {}
+        of_model = (name for by_name in by_model.values() for name in by_name)
+        names = [*dict.fromkeys([*of_model, *self._inferred])]
+        needed = "frequency", "shapes"
+        by_mode = gather_tangents("jacobian", modes, by_model, names, needed)
+        f, shapes = (read(modes, name) for name in needed)
+        flexibility, bent = np.zeros((len(f), 1)), np.zeros((1, 1, len(names)))
         if self._static is not None:
             static, cases, points = self._static
             response, slopes = static.jacobian(parameters)
             flexibility = response["displacement"][:, cases, points]
-            of_u = slopes["displacement"].items()
-            by_static = {name: slope[:, cases, points] for name, slope in of_u}
-        damping = self._numbers(parameters, len(f))
-        by_damping = {
-            name: np.ones_like(damping) * [name == x for x in self._damping]
-            for name in self._inferred
-        }
-        of_model = (name for by_name in by_model.values() for name in by_name)
-        names = dict.fromkeys([*of_model, *by_damping])
-        values = f, shapes, flexibility, damping
-        parts = by_model["frequency"], by_model["shapes"], by_static, by_damping
-        tangents = [
-            np.array([part.get(name, np.zeros_like(value)) for name in names])
-            for part, value in zip(parts, values, strict=True)
-        ]
+            slope = gather_tangents("residual", response, slopes, names)["displacement"]
+            bent = slope[:, cases, points]
+        values = f, shapes, flexibility, self._numbers(parameters, len(f))
+        damped = np.array(
+            [[[float(name == x) for name in names] for x in self._damping]]
+        )
+        every = by_mode["frequency"], by_mode["shapes"], bent, damped
+        tangents = [np.moveaxis(part, -1, 0) for part in every]
         result = self._superpose(*values)
         # Of shapes and flexibilities a difference is exact with any step.
         size = np.abs([parameters[name] for name in names])
@@ -189,11 +218,9 @@ class FRFModel:
 
     def _numbers(self, parameters: Parameters, n: int) -> Floats:
         """Return the damping of each mode, or a and b, ``(n, n_modes or 2)``."""
-        columns = [
-            parameters[x] if isinstance(x, str) else np.full(n, x)
-            for x in self._damping
-        ]
-        return np.stack(columns, axis=1)
+        stated = [x for x in self._damping if x not in self._inferred]
+        values = dict(parameters) | {x: np.full(n, x) for x in stated}
+        return np.stack([values[x] for x in self._damping], axis=1)
 
     def _superpose(
         self, f: Floats, shapes: Floats, flexibility: Floats, damping: Floats
@@ -259,13 +286,191 @@ def _build_static(model: object, rows: list[int], columns: list[int]) -> Static:
     dofs = model.rows
     responses, excitations = ([dofs[i] for i in side] for side in (rows, columns))
     loads = {str(dof): {dof: 1.0} for dof in excitations}
-    points, functions = [*dict.fromkeys(responses)], model.coefficients.parts[0]
-    K = {
-        label: unit if function is None else (unit, function)
-        for (label, unit), (_, function) in zip(
-            model.K.items(), functions.values(), strict=True
-        )
-    }
+    points, K = [*dict.fromkeys(responses)], dict[str, Unit](model.K)
+    for label, (_, function) in model.coefficients.parts[0].items():
+        if function is not None:
+            K[label] = model.K[label], function
     static = StaticModel(model.K0, loads, K, points=points)
     cases = [static.cases.index(str(dof)) for dof in excitations]
     return static, cases, [static.points.index(dof) for dof in responses]
+
+
+class FRFTerm(Term):
+    r"""Gaussian likelihood of frequency response functions (FRFs), line by line.
+
+    .. math:: \ln p = \sum_{cl} \ln N(\mathrm{Re}\,\Delta_{cl}; 0, v_{cl})
+        + \ln N(\mathrm{Im}\,\Delta_{cl}; 0, v_{cl}), \qquad
+        v_{cl} = s_{cl}^2 + (\sigma_d |H_{cl}^m|)^2
+
+    where :math:`\Delta = H - H^m`, for channel c at line l. With ``amplitude=True`` the
+    logarithm of the amplitude is compared instead,
+
+    .. math:: \ln p = \sum_{cl} \ln N\Big( \ln \frac{|H_{cl}|}{|H_{cl}^m|}; 0,
+        \frac{s_{cl}^2}{|H_{cl}^m|^2} + \sigma_d^2 \Big)
+
+    Use this if the phases are unreliable; antiresonances then count as much as
+    resonances. The lines must be independent, as those of averaged FFTs without zero
+    padding are.
+
+    Args:
+        measured: :class:`FRFMeasurements`.
+        sd: s, the standard deviation of the real and of the imaginary part: one number,
+            one per channel ``(n_channels, 1)``, or ``(n_channels, n_lines)``; computed
+            from the coherence by default.
+        amplitude: Whether to compare amplitudes only.
+        discrepancy: Name of the parameter :math:`\sigma_d`, the discrepancy of the
+            model relative to the amplitude; None for no discrepancy.
+        name: The label under which the log-likelihood is stored.
+
+    Raises:
+        TypeError: If measured is not FRFMeasurements.
+        ValueError: If the error is unknown, sd is not positive or has another shape, or
+            only magnitudes were measured and ``amplitude`` is False.
+
+    Source: Bendat and Piersol, Random Data, 4th ed. (2010), section 9.2.
+
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu.extensions.frf import FRFMeasurements, FRFTerm
+        >>> measured = FRFMeasurements([9.0], [[2j]], [("a", "b")], kind="receptance")
+        >>> term = FRFTerm(measured, sd=0.1)
+        >>> term({}, {"receptance": np.array([[[[0.0, 2.1]]]])}).round(4).tolist()
+        [2.2673]
+    """
+
+    reads: Mapping[str, Variable]
+    symbol = MODEL_ERROR
+
+    def __init__(
+        self,
+        measured: FRFMeasurements,
+        *,
+        sd: ArrayLike | None = None,
+        amplitude: bool = False,
+        discrepancy: str | None = None,
+        name: str = "frf",
+    ) -> None:
+        self.measured = checks.instance("measured", measured, FRFMeasurements)
+        self.label(name, discrepancy)
+        self.amplitude = checks.flag("amplitude", amplitude)
+        self.statement, self.formula = BY_AMPLITUDE if self.amplitude else BY_PARTS
+        if not (self.amplitude or measured.values.imag.any()):
+            raise ValueError(
+                "measured: expected complex values with their phases, got real ones "
+                "alone; of magnitudes take FRFTerm(..., amplitude=True)"
+            )
+        shape, spread = measured.values.shape, measured.sd
+        if (self.amplitude or sd is None) and not measured.values.all():
+            i, j = np.argwhere(measured.values == 0)[0]
+            raise ValueError(
+                f"measured: {measured.channels[i].label} is 0 at {measured.lines[j]:g} "
+                "Hz, which has no relative error and no logarithm; give sd without "
+                "amplitude, or leave such lines out"
+            )
+        if sd is not None:
+            spread = error_array("sd", sd, (shape[0], 1), shape)
+        elif spread is None and discrepancy is None:
+            raise ValueError("sd: measured has no coherence; give sd or discrepancy")
+        # (n_channels, n_lines); zero if exact
+        self.sd = np.broadcast_to(0.0 if spread is None else spread, shape)
+        # By deviation: logarithms of amplitudes, or real and imaginary parts.
+        size = np.abs(measured.values)
+        errors = np.stack([self.sd, size], axis=0)
+        by_part = errors / size if self.amplitude else errors.repeat(2, axis=-1)
+        self.stated_sd, self.scale = by_part.reshape(2, -1)
+        kind, unit = measured.kind, measured.unit
+        self.reads = {kind: frf_variable(measured.channels, measured.lines, kind, unit)}
+
+    def deviations(self, parameters: Parameters, response: Response) -> Deviations:
+        """Return deviations and their standard deviations, ``(n, m)`` each.
+
+        For amplitudes they are those of the logarithms.
+        """
+        channels, lines = self.measured.values.shape
+        H = read(response, self.measured.kind)[:, :channels, :lines]
+        size = np.abs(self.measured.values)
+        if self.amplitude:
+            with np.errstate(divide="ignore"):  # an FRF of 0 is impossible, not wrong
+                r = 0.5 * np.log((H**2).sum(axis=-1)) - np.log(size)
+        else:
+            values = self.measured.values
+            r = H - np.stack([values.real, values.imag], axis=-1)
+        r = r.reshape(len(r), -1)
+        return r, np.broadcast_to(self.spread(parameters), r.shape)
+
+
+def plot_frf(
+    idata: object,
+    posterior: LogPosterior | None = None,
+    *,
+    experiment: str | None = None,
+) -> Figure:
+    """Draw measured and predicted amplitudes of frequency response functions.
+
+    There is one panel per channel. Points are the measured amplitude; the band is the
+    95 % interval of the updated model, from 200 draws. They are solved again, because
+    FRFs are not stored.
+
+    Args:
+        idata: The result of :func:`run` or :func:`to_inference_data`.
+        posterior: The sampled posterior, with an :class:`FRFTerm`, if idata is an ArviZ
+            object.
+        experiment: Name of one experiment of a joint posterior.
+
+    Returns:
+        The matplotlib Figure.
+
+    Raises:
+        TypeError: If posterior is not a LogPosterior.
+        ValueError: If there is no FRFTerm or more than one, or posterior has other
+            parameters than idata.
+
+    Examples:
+        >>> import numpy as np
+        >>> import emcee_femu as ef
+        >>> zero, unit = np.zeros((1, 1)), np.eye(1)
+        >>> model = ef.MatrixModel(zero, unit, {"k": unit}, n_modes=1, shapes=True)
+        >>> lines = np.linspace(0.2, 0.5, 20)
+        >>> model = ef.frf.FRFModel(model, lines, [(0, 0)], damping=0.05)
+        >>> H = model({"k": np.array([4.0])})["receptance"][0] @ [1, 1j]
+        >>> measured = ef.frf.FRFMeasurements(lines, H, [(0, 0)], kind="receptance")
+        >>> prior = ef.GaussianPrior(["k"], [4.0], [0.5], [(1.0, 9.0)])
+        >>> posterior = ef.LogPosterior(model, ef.frf.FRFTerm(measured, sd=0.1), prior)
+        >>> run = ef.run(posterior, ef.DEMCMove(), 16, 50, ensembles=1, seed=1)
+        >>> len(ef.frf.plot_frf(run).axes)  # one channel
+        1
+    """
+    idata, posterior = read_samples(idata, posterior)
+    posterior = checks.instance("posterior", posterior, LogPosterior)
+    pairs = [
+        (measured_in.model, term.measured, term.reads)
+        for measured_in in posterior.experiments
+        for term in measured_in.terms
+        if isinstance(term, FRFTerm) and experiment in (None, measured_in.name)
+    ]
+    if len(pairs) != 1:
+        names = [measured_in.name for measured_in in posterior.experiments]
+        raise ValueError(
+            f"posterior, experiment: expected one FRFTerm, found {len(pairs)}; name "
+            f"one of the experiments {names} with experiment="
+        )
+    ((model, measured, reads),) = pairs
+    theta = samples(idata)[1].reshape(-1, posterior.ndim)
+    some = theta[spread_out(len(theta), FRF_DRAWS)]
+    H = model(posterior.parameters(some))[measured.kind]
+    ends = np.quantile(np.sqrt((H**2).sum(axis=-1)), INTERVAL, axis=0)
+    rows = len(measured.channels)
+    figure, panels = subplots(rows, 1, (8.0, 1.0 + 2.3 * rows), sharex=True)
+    unit, label = reads[measured.kind].unit, "updated model, 95 %"
+    for i, (axes, channel) in enumerate(zip(panels, measured.channels, strict=True)):
+        style: Style = {"color": "0.55", "ms": 5, "mew": 0, "label": "measured"}
+        axes.plot(measured.lines, np.abs(measured.values[i]), "o", **style)
+        # Its edges show where it is narrower than a line, on the points.
+        style = {"fc": (BLUE, 0.3), "ec": BLUE, "lw": 1.0, "label": label, "zorder": 3}
+        axes.fill_between(measured.lines, *ends[:, i], **style)
+        axes.set_yscale("log")
+        axes.grid(True, alpha=0.25)
+        axes.set_ylabel(f"{channel.label}\n{measured.kind} ({unit})")
+    panels[-1].set_xlabel("frequency (Hz)")
+    figure.legend(handles=panels[0].get_legend_handles_labels()[0], **BELOW)
+    return finish(figure, idata)

@@ -89,18 +89,19 @@ class NormalPopulation(Report):
         )
         argument = f"hyperpriors of the names {list(self.names)}"
         hyperpriors = checks.by_name(argument, self.hyperpriors, self.parameters)
-        spreads = {f"sd {name}" for name in self.names}
-        for name, hyperprior in hyperpriors.items():
+        if hyperpriors:
             try:
-                prior = IndependentPrior({name: hyperprior})
+                prior = IndependentPrior(hyperpriors)
             except (TypeError, ValueError) as error:
                 raise type(error)(f"hyperpriors: {error}") from None
-            hyperpriors[name] = prior.marginals[name]
-            if name in spreads and prior.bounds[0, 0] < 0:
-                raise ValueError(
-                    f"hyperpriors[{name!r}]: expected a spread from zero on, got one "
-                    f"from {prior.bounds[0, 0]:g}; take halfnorm or lognorm"
-                )
+            hyperpriors = dict(prior.marginals)
+            spreads = {f"sd {name}" for name in self.names}
+            for name, (low, _) in zip(prior.names, prior.bounds.tolist(), strict=True):
+                if name in spreads and low < 0:
+                    raise ValueError(
+                        f"hyperpriors[{name!r}]: expected a spread from zero on, got "
+                        f"one from {low:g}; take halfnorm or lognorm"
+                    )
         checks.set_fields(self, hyperpriors=hyperpriors)
 
     @property

@@ -1,19 +1,16 @@
 """A Ritz basis of mode shapes, which grows where a model is solved in full."""
 
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from scipy.linalg import eigh
 from scipy.sparse import csc_array
 
-from ...contracts import Derivatives, Floats, ModalSolution, Parameters
+from ...contracts import Floats
 from ...models.assembled import AssembledModel
-from ...models.coefficients import Coefficients
-from ...models.eigen_dense import Eigenproblem, combine
 from ...models.eigen_sparse import check_mass, lowest_modes
 from ...models.inputs import describe
-from ...models.matrix import AffineModel, sparse_problem
+from ...models.matrix import AffineModel
 
 GOOD_IN_A_ROW = 3  # consecutive full solves that add nothing new
 RESERVE = 0.2  # share of the tolerance for the basis before truncation
@@ -27,26 +24,7 @@ RITZ_BELOW = 1e-6
 # Of K and of M in a basis, each (n, r, r).
 Matrices: TypeAlias = tuple[Floats, Floats]
 Modes: TypeAlias = tuple[Floats, Floats]  # eigenvalues (m,) and shapes (N, m)
-Small: TypeAlias = "AssembledModel | ProjectedSum"  # a model in a basis
-
-
-@dataclass(frozen=True, eq=False)
-class ProjectedSum:
-    """Matrices in a basis, constants first, and the functions that multiply them."""
-
-    K: Floats
-    M: Floats
-    coefficients: Coefficients
-    problem: Eigenproblem
-
-    def __call__(self, parameters: Parameters) -> ModalSolution:
-        """Solve for all parameter sets at once."""
-        return self.problem.solve(*self.coefficients(parameters))
-
-    def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
-        """Return the response and its derivatives."""
-        k, m, where = self.coefficients(parameters)
-        return self.problem.jacobian(k, m, self.coefficients.slopes(parameters), where)
+Model: TypeAlias = AffineModel | AssembledModel
 
 
 class RitzBasis:
@@ -60,15 +38,16 @@ class RitzBasis:
 
     def __init__(
         self,
-        model: AffineModel | AssembledModel,
+        model: Model,
         bounds: dict[str, tuple[float, float]],
         tolerance: float,
     ) -> None:
         self.model, self.bounds = model, bounds
-        self.units: list[csc_array] = []  # of K and M
+        self.K: list[csc_array] = []  # what parameters multiply, if it is a sum
+        self.M: list[csc_array] = []
         if isinstance(model, AffineModel):
-            self.sums = sparse_problem(model)
-            self.units = [*self.sums.K, *self.sums.M]
+            self.K, self.M = ([*map(csc_array, part)] for part in model.parts)
+        self.units = self.K + self.M
         self.inside = [np.empty((0, 0)) for _ in self.units]  # of these, in the basis
         self.points: list[Floats] = []
         centre = np.full(len(bounds), 0.5)
@@ -90,20 +69,14 @@ class RitzBasis:
 
     def assemble(self, point: Floats) -> tuple[csc_array, csc_array, str]:
         """Return K and M at a point, and what names it in a message."""
-        values, model = self.parameters(point[None]), self.model
-        where = describe(values, values, 0)
-        if isinstance(model, AssembledModel):
-            K, M = model.matrices({name: v[0] for name, v in values.items()})
-            return csc_array(K), csc_array(M), where
-        k, m, _ = model.coefficients(values)
-        return self.sums.stiffness(k[0]), self.sums.mass(m[0]), where
+        values = self.parameters(point[None])
+        K, M = self.model.matrices({name: v[0] for name, v in values.items()})
+        return csc_array(K), csc_array(M), describe(values, values, 0)
 
     def solve(self, point: Floats) -> Modes:
         """Solve in full at one point, with rigid-body modes and some more."""
         K, M, where = self.assemble(point)
-        if (
-            isinstance(self.model, AssembledModel) or len(self.sums.M) > 1
-        ):  # a constant one was checked
+        if len(self.M) != 1:  # a constant one was checked
             check_mass(M, f"the mass matrix at {where}")
         massive = int(np.count_nonzero(M.diagonal()))
         count = min(self.model.skip + self.model.modes[-1] + BUFFER, massive)
@@ -132,28 +105,20 @@ class RitzBasis:
             )
         self.V = np.hstack([self.V, new])
 
-    def project(self, directions: Floats | None = None) -> Small:
+    def project(self, directions: Floats | None = None) -> Model:
         """Return the model in the basis, or in directions ``(r, k)``, orthonormal."""
-        model, T = self.model, directions
+        model, T = self.model, np.eye(self.V.shape[1])
+        T = T if directions is None else directions
         if isinstance(model, AssembledModel):
-            return model.project(self.V if T is None else self.V @ T, self.added)
-        inside = np.array(
-            [part if T is None else T.T @ part @ T for part in self.inside]
-        )
-        K, M = inside[: len(self.sums.K)], inside[len(self.sums.K) :]
+            return model.project(self.V @ T, self.added)
+        inside = np.array([T.T @ part @ T for part in self.inside])
+        K, M = inside[: len(self.K)], inside[len(self.K) :]
         M[0] += self.added * np.eye(M.shape[1])  # where the energy A is the identity
-        wanted = model.skip + np.array(model.modes) - 1
-        at_dofs = self.V[list(model.rows)]
-        output = at_dofs if T is None else at_dofs @ T
-        problem = Eigenproblem(K, M, wanted, model.skip, output)
-        return ProjectedSum(K, M, model.coefficients, problem)
+        return model.project(K, M, self.V[list(model.rows)] @ T)
 
-    def matrices(self, small: Small, points: Floats) -> Matrices:
+    def matrices(self, small: Model, points: Floats) -> Matrices:
         """Return K and M of a model in a basis at points."""
         values = self.parameters(points)
-        if isinstance(small, ProjectedSum):
-            k, m, _ = small.coefficients(values)
-            return combine(small.K, k), combine(small.M, m)
         rows = zip(*values.values(), strict=True)
         pairs = [small.matrices(dict(zip(values, row, strict=True))) for row in rows]
         K, M = map(np.array, zip(*pairs, strict=True))
@@ -202,7 +167,7 @@ class RitzBasis:
         return kept
 
     def compare(
-        self, V: Floats, small: Small, point: Floats
+        self, V: Floats, small: Model, point: Floats
     ) -> tuple[float, float, Modes]:
         """Solve in full at a point; return what a basis errs there, and the modes.
 
