@@ -125,11 +125,9 @@ def to_inference_data(
     """
     count = checks.whole_number("prior_predictive", prior_predictive)
     if isinstance(source, LogPosterior):
-        idata, posterior = wrap(_fixed_groups(source, {}, source.initial)), source
+        data, posterior = wrap(_fixed_groups(source, {}, source.initial)), source
     elif names is None:
-        idata, posterior = read_samples(
-            source, posterior, discard, thin, "source", term
-        )
+        data, posterior = read_samples(source, posterior, discard, thin, "source", term)
     else:
         chains = read_chains(source, posterior, discard, thin, blobs=True)
         names = checks.parameter_names("names", names)
@@ -137,14 +135,14 @@ def to_inference_data(
             raise ValueError(f"names: {list(chains.names)} are known; leave it out")
         if len(names) != (d := len(chains.names)):
             raise ValueError(f"names: expected one for each of {d} parameters")
-        idata = convert(replace(chains, names=names), discard, thin, term)
+        data = convert(replace(chains, names=names), discard, thin, term)
     if not count:
-        return idata
+        return data
     posterior = checks.instance("posterior", posterior, LogPosterior)
     theta = posterior.prior.sample(np.random.default_rng(0), PRIOR_STORED)[:count]
     rows = posterior(theta)[:, None, None]
     new = gather_by_terms(posterior, theta[:, None, None], rows)["new_measurement"]
-    return wrap(groups(idata) | {"prior_predictive": _dataset(new, {}, {})})
+    return wrap(groups(data) | {"prior_predictive": _dataset(new, {}, {})})
 
 
 def read_samples(

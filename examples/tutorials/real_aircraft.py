@@ -5,7 +5,8 @@
 # been compared since 1995. This page rebuilds it from public drawings and updates it with
 # its **measured** frequencies. It shows what goes wrong if modes are compared by number,
 # how modes are followed without measured shapes, and how a bad fit leads to what the
-# model lacks. `python examples/tutorials/real_aircraft.py` runs this page (90 s).
+# model lacks. `python examples/tutorials/real_aircraft.py` runs this page (100 s of
+# processor time).
 #
 # ## The structure and its test
 #
@@ -60,7 +61,7 @@ for panel, mode in enumerate([0, 1, 3, 4, 6, 7], 1):
     axes.set_title(f"{mode + 1}: {hertz}", fontsize=9)
     axes.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-0.6, 0.8))
     axes.view_init(25, 40)
-    axes.set_box_aspect((2, 2, 1.4), zoom=1.7)
+    axes.set_box_aspect((2, 2, 1.4), zoom=1.45)
     axes.set_axis_off()
 plt.close(figure)  # shown once, by the next line
 figure
