@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -267,7 +268,9 @@ def tabulate_prior(
     columns: list[Column] = [("parameter", "", list(prior.names))]
     columns += unit_column((units or {}).get(name, "") for name in prior.names)
     if isinstance(prior, GaussianPrior | IndependentPrior):
-        columns.append(("prior", "", prior.distributions))
+        # scipy's uniform(loc, scale) would be taken for the bounds, which stand beside.
+        laws = [re.sub(r"^uniform\(.*", "uniform", law) for law in prior.distributions]
+        columns.append(("prior", "", laws))
     low, high = np.transpose(prior.bounds)
     columns += [("lower", ".4g", low), ("upper", ".4g", high)]
     return Table.from_columns(title, columns)
