@@ -57,12 +57,14 @@ az.summary(idata)
 
 # %% mystnb={"image": {"alt": "Two histograms of new measurements, one for each mode, with a line at the measured frequency inside each"}}
 new, measured = idata["posterior_predictive"], idata["observed_data"]["frequency"]
-figure, panels = plt.subplots(1, 2, figsize=(7, 2.6), layout="constrained")
+figure, panels = plt.subplots(1, 2, figsize=(7, 2.8), layout="constrained")
 for i, axes in enumerate(panels):
-    axes.hist(new["frequency"].values[..., i].ravel(), 40, label="new measurements")
+    values = new["frequency"].values[..., i].ravel()
+    axes.hist(values, 25, color="0.75", label="new measurements")
     axes.axvline(float(measured[i]), color="black", label="measured")
     axes.set(xlabel=f"frequency of mode {i + 1} [Hz]", yticks=[])
-panels[0].legend()
+keys = panels[0].get_legend_handles_labels()
+figure.legend(*keys, loc="outside lower center", ncols=2, frameon=False)
 plt.close(figure)  # shown once, by the next line
 figure
 
