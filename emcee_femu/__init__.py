@@ -1,7 +1,7 @@
 """Bayesian updating of finite element models with emcee, stage by stage.
 
-contracts     what a user may implement: model, response, term, prior, move
 checks        what users get wrong, checked once at the border
+contracts     what a user may implement: model, response, term, prior, move
 table         tables that print themselves
 measurements  what was measured: frequencies, mode shapes and their scatter, from
               arrays, repeats, CSV, universal files and pyOMA2
@@ -101,7 +101,7 @@ def __getattr__(name: str) -> Any:
     if name not in IMPORTED_LATER:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module = import_module(f".{IMPORTED_LATER[name]}", __name__)
-    value = globals()[name] = getattr(module, name, module)
+    value = globals()[name] = vars(module).get(name, module)
     return value
 
 

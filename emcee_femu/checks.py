@@ -3,13 +3,12 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from os import PathLike
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .contracts import Floats, Parameters
-
+Floats: TypeAlias = NDArray[np.float64]
 T = TypeVar("T")
 
 
@@ -150,7 +149,7 @@ def instance(argument: str, value: object, kind: type[T]) -> T:
     return value
 
 
-def mapping(argument: str, value: object, form: str) -> Mapping[Any, Any]:
+def mapping(argument: str, value: object, form: str) -> Mapping[str, Any]:
     """Return a mapping, refusing others; ``form`` is what was expected."""
     if not isinstance(value, Mapping):
         raise TypeError(f"{argument}: expected {form}, got {type(value).__name__}")
@@ -206,7 +205,7 @@ def numbers_by_name(argument: str, values: object, names: Sequence[str]) -> Floa
     return numbers
 
 
-def batch(parameters: Parameters) -> tuple[Parameters, int]:
+def batch(parameters: Mapping[str, Floats]) -> tuple[Mapping[str, Floats], int]:
     """Return the values of parameter sets, each ``(n,)`` floats, and n.
 
     The float arrays that a :class:`LogPosterior` passes are returned unchanged.

@@ -47,14 +47,17 @@ restore    move          ``restore(state)``: continue from the result of ``state
 ``{name: (n, ...)}``.
 """
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence, Sized
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
+import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-Floats: TypeAlias = NDArray[np.float64]
+from . import checks
+
+Floats: TypeAlias = checks.Floats
 Parameters: TypeAlias = Mapping[str, Floats]
 Batch: TypeAlias = Mapping[str, Floats]  # arrays (n, ...) by the name of a variable
 # What a model returns: an object with its variables as attributes, or a mapping.
@@ -71,9 +74,8 @@ def add_place(error: BaseException, place: object, names: Sequence[str]) -> None
     """Note where a model raised, and the known names if it asked for another."""
     error.add_note(f"raised by the model at {place}")
     vars(error)[PLACED] = place
-    wrong = error.args[:1] if isinstance(error, KeyError) else ()
-    others = [name for name in wrong if isinstance(name, str) and name not in names]
-    if others or any(name in range(len(names)) for name in wrong):  # as p[0] asks for
+    asked = error.args[:1] if isinstance(error, KeyError) else ()
+    if any(name not in names for name in asked):  # another, or a number, as in p[0]
         error.add_note(f"the parameters are {', '.join(names)}, read by these names")
 
 
@@ -106,16 +108,13 @@ class Variable:
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        labelled = isinstance(self.coords, Mapping) and all(
-            hasattr(labels, "__len__") and not isinstance(labels, str)
-            for labels in self.coords.values()
-        )
-        if not labelled:
-            raise TypeError(f"coords: expected {{name: labels}}, got {self.coords!r}")
-        if not isinstance(self.unit, str):
-            raise TypeError(f"unit: expected text, got {self.unit!r}")
-        if not isinstance(self.stored, bool):
-            raise TypeError(f"stored: expected True or False, got {self.stored!r}")
+        for labels in checks.mapping("coords", self.coords, "{name: labels}").values():
+            if isinstance(labels, str) or not isinstance(labels, Sized):
+                raise TypeError(
+                    f"coords: expected {{name: labels}}, got {self.coords!r}"
+                )
+        checks.instance("unit", self.unit, str)
+        checks.flag("stored", self.stored)
 
     @property
     def dims(self) -> tuple[str, ...]:
@@ -139,23 +138,22 @@ def read(response: Response, name: str) -> Floats:
     Raises:
         TypeError: If the response has no such variable; the message lists the others.
     """
-    if isinstance(response, Mapping):
-        value, has = response.get(name), list(response)
-    elif isinstance(response, list | np.ndarray):
+    kind = type(response).__name__
+    if isinstance(response, list | np.ndarray):
         raise TypeError(
             f"model: expected ModalSolution or {{name: array}} of many parameter sets, "
-            f"got {type(response).__name__}; {WRAP}"
+            f"got {kind}; {WRAP}"
         )
-    else:
-        value = getattr(response, name, None)
-        has = []
+    mapped = isinstance(response, Mapping)
+    value: Floats | None = (
+        response.get(name) if mapped else getattr(response, name, None)
+    )
     if value is None:
-        given = {k: getattr(response, k) for k in dir(response) if k[0] != "_"}
-        has = has or [k for k, v in given.items() if isinstance(v, np.ndarray)]
-        kind = type(response).__name__
+        public = [k for k in dir(response) if k[0] != "_"]
+        arrays = [k for k in public if isinstance(getattr(response, k), np.ndarray)]
+        has = list(response) if mapped else arrays
         raise TypeError(f"model: its {kind} has no {name!r}; there are {has}")
-    values: Floats = value
-    return values
+    return value
 
 
 class Linearization(NamedTuple):
@@ -249,10 +247,7 @@ def modal_variables(n_modes: int, dofs: Places = ()) -> dict[str, Variable]:
         >>> {name: v.shape for name, v in modal_variables(2, ["roof"]).items()}
         {'frequency': (2,), 'shapes': (1, 2)}
     """
-    try:
-        modes = range(1, n_modes + 1)
-    except TypeError:
-        raise TypeError(f"n_modes: expected a whole number, got {n_modes!r}") from None
+    modes = range(1, checks.whole_number("n_modes", n_modes) + 1)
     frequency = Variable({"mode": modes}, "Hz")
     shapes = Variable({"dof": dofs, "mode": modes}, stored=False)
     return {"frequency": frequency, **({"shapes": shapes} if len(dofs) else {})}
@@ -319,7 +314,9 @@ class Move(Protocol):
     move that depends on anything else is refused if the run is stored.
     """
 
-    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
+    def propose(
+        self, model: emcee.model.Model, state: emcee.State
+    ) -> tuple[emcee.State, NDArray[np.bool_]]:
         """Return the next state and which walkers moved, ``(nwalkers,)``."""
 
 
@@ -394,22 +391,18 @@ def gather_tangents(
         ValueError: If it has another name, or lacks a variable.
         SolveError: If a derivative does not have the size of its variable.
     """
-    if not isinstance(derivatives, Mapping):
-        raise TypeError(
-            f"{label}: expected {{variable: {{parameter: array}}}}, got "
-            f"{type(derivatives).__name__}"
-        )
-    if missing := {*needed} - {*derivatives}:
+    form = "{variable: {parameter: array}}"
+    by_variable = checks.mapping(label, derivatives, form)
+    if missing := {*needed} - {*by_variable}:
         raise ValueError(
-            f"{label} returned no derivatives of {missing}; return {{variable: "
-            "{parameter: array}}, {} for one that does not change"
+            f"{label} returned no derivatives of {missing}; return {form}, {{}} for "
+            "one that does not change"
         )
     tangents = {}
-    for variable, by_name in derivatives.items():
+    for variable, by_name in by_variable.items():
         shape = np.shape(read(response, variable))
         tangents[variable] = tangent = np.zeros((*shape, len(names)))
-        unknown = [name for name in by_name if name not in names]
-        if unknown:
+        if unknown := [name for name in by_name if name not in names]:
             raise ValueError(f"{label}: no parameter {unknown}; there are {[*names]}")
         for name, value in by_name.items():
             if np.shape(value) != shape:

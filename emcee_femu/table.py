@@ -2,7 +2,7 @@
 
 import html
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Self, TypeAlias
 
@@ -76,15 +76,11 @@ class Table:
 
     def __str__(self) -> str:
         """Return aligned text; the columns of a wide table are printed in blocks."""
-        cells, widths = [self.columns, *self._cells()], self._widths()
         text = [self.title]
-        for block in self._blocks(PAGE):
+        for rows, (first, *widths) in self._blocks(PAGE):
             lines = [
-                SPACE.join(
-                    row[i].rjust(widths[i]) if i else row[i].ljust(widths[i])
-                    for i in block
-                )
-                for row in cells
+                SPACE.join([label.ljust(first), *map(str.rjust, cells, widths)])
+                for label, *cells in rows
             ]
             rule = "-" * len(lines[0])
             text += [rule, lines[0], rule, *lines[1:], rule]
@@ -104,51 +100,45 @@ class Table:
     def _repr_html_(self) -> str:
         """Return the table as notebooks show it, in the colours of their theme."""
         text: list[str] = []
-        for block in self._blocks(PRINTED):
-            titles, *rows = (
-                [html.escape(row[i]) for i in block]
-                for row in (self.columns, *self._cells())
-            )
-            size = f"--characters: {self._length(block)}"  # by which print fits to A4
-            cells = ["</td><td>".join(row) for row in rows]
+        for rows, widths in self._blocks(PRINTED):
+            titles, *cells = ([html.escape(cell) for cell in row] for row in rows)
+            inside = ["</td><td>".join(row) for row in cells]
+            size = sum(widths) + len(SPACE) * (len(widths) - 1)  # print fits it to A4
+            style = f"text-align: right; --characters: {size}"
             title = f"<caption {CAPTION}>{html.escape(self.title)}</caption>"
             text += [
-                f'<table class="dataframe" style="text-align: right; {size}">',
+                f'<table class="dataframe" style="{style}">',
                 "" if text else title,
                 f"<thead><tr><th {LEFT_ALIGNED}>{'</th><th>'.join(titles)}</th></tr>",
                 "</thead>",
                 "<tbody>",
-                *(f"<tr><td {LEFT_ALIGNED}>{row}</td></tr>" for row in cells),
+                *(f"<tr><td {LEFT_ALIGNED}>{row}</td></tr>" for row in inside),
                 "</tbody></table>",
             ]
         return "\n".join(text)
 
-    def _blocks(self, most: int) -> list[list[int]]:
-        """Return columns in blocks of at most so many characters."""
-        blocks = [[0]]
-        for number in range(1, len(self.columns)):
-            if self._length([*blocks[-1], number]) > most:
-                blocks.append([0])  # each begins with the names of the rows
-            blocks[-1].append(number)
-        return blocks
+    def _blocks(self, most: int) -> Iterator[tuple[list[list[str]], list[int]]]:
+        """Yield titles and cells, row by row, of columns of at most so many characters.
 
-    def _length(self, block: Sequence[int]) -> int:
-        """Return the characters of a line with some columns."""
-        widths = self._widths()
-        return sum(widths[i] for i in block) + len(SPACE) * (len(block) - 1)
-
-    def _cells(self) -> list[tuple[str, ...]]:
-        return [
-            tuple(
+        Each block begins with the names of the rows. The widths of its columns stand
+        beside it.
+        """
+        cells = [list(self.columns)] + [
+            [
                 "" if x != x else x if isinstance(x, str) else format(x, spec)  # NaN
                 for x, spec in zip(row, self.formats, strict=True)
-            )
+            ]
             for row in self.rows
         ]
-
-    def _widths(self) -> list[int]:
-        cells = [self.columns, *self._cells()]
-        return [max(map(len, column)) for column in zip(*cells, strict=True)]
+        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+        blocks = [[0]]
+        for number in range(1, len(widths)):
+            line = [widths[i] + len(SPACE) for i in (*blocks[-1], number)]
+            if sum(line) - len(SPACE) > most:
+                blocks.append([0])
+            blocks[-1].append(number)
+        for block in blocks:
+            yield [[row[i] for i in block] for row in cells], [widths[i] for i in block]
 
 
 def unit_column(units: Iterable[str]) -> list[Column]:
@@ -174,9 +164,7 @@ class Report:
             for part in self._parts()
         )
 
-    def __repr__(self) -> str:
-        """Return the same text at a prompt."""
-        return str(self)
+    __repr__ = __str__  # at a prompt, too
 
     def _repr_html_(self) -> str:
         """Return the same as HTML for notebooks."""

@@ -17,8 +17,8 @@ import emcee_femu
 PACKAGE = Path(emcee_femu.__file__).parent
 # The core is a pipeline: a folder imports from those before it, never from those after.
 ORDER = [
-    "contracts",
     "checks",
+    "contracts",
     "table",
     "measurements",
     "models",

@@ -70,10 +70,10 @@ def test_the_evidence_constant_is_right():
 def test_mass_spring_agrees_with_importance_sampling():
     """The law of the default run: moments by a route without chains."""
     posterior = ef.paper.mass_spring().posterior
-    pilot = ef.run(posterior, seed=3, ensembles=1)[0].get_chain(flat=True)
+    pilot = ef.run(posterior, steps=200, seed=3, ensembles=1)[0].get_chain(flat=True)
     lobe = pilot[pilot[:, 2] < 1_980]  # a second mode of 3 % of the mass
-    mean, sd, kish = importance_moments(posterior, [pilot, lobe], 200_000, seed=3)
-    assert kish > 20_000
+    mean, sd, kish = importance_moments(posterior, [pilot, lobe], 60_000, seed=3)
+    assert kish > 6_000
     ensembles = ef.run(posterior, seed=2026, ensembles=8)
     z = (np.stack([s.get_chain(discard=100, flat=True) for s in ensembles]) - mean) / sd
     for power, exact in ((1, 0.0), (2, 1.0)):

@@ -1,28 +1,23 @@
 """Evaluate a posterior, here or on workers: solves are counted, failures rejected."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
 from emcee.pbar import get_progress_bar
 
-from .. import checks
 from ..contracts import Floats, Linearization, RepeatedModes
 from ..posterior.derivatives import difference, unstack
 from ..posterior.log_posterior import Kind, LogPosterior
 from .failures import Failure, FailureLog, describe_failure
-from .pools import EvaluationPool, open_pool
+from .pools import EvaluationPool
 
 Request: TypeAlias = tuple[Kind, Floats]  # what is asked for, and a point (d,)
 Result: TypeAlias = Floats | Failure
-DERIVED = "gradient", "linearization"  # kinds that need derivatives
-
-
-def _lacks_derivatives(error: Exception, kind: Kind) -> bool:
-    """Return whether modes coincide, so that the model itself can still be solved."""
-    return kind in DERIVED and isinstance(error, RepeatedModes)
+Failures: TypeAlias = dict[int, Failure]  # by the number of the point
+Bar: TypeAlias = Any  # tqdm's, or one with update(count)
+DERIVED = "gradient", "linearization"  # what asks a model for derivatives
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +33,14 @@ class Solver:
         try:
             return self.posterior.stack(theta, kind)
         except Exception as error:  # of any kind: it is the user's model that raised
-            if not (self.reject or _lacks_derivatives(error, kind)):
+            if not self.returns(error, kind):
                 raise
             values = zip(self.posterior.names, theta.tolist(), strict=True)
             return describe_failure(error, dict(values))
+
+    def returns(self, error: Exception, kind: Kind) -> bool:
+        """Return whether an error is no end: where modes coincide, rows still exist."""
+        return self.reject or (kind in DERIVED and isinstance(error, RepeatedModes))
 
 
 @dataclass(eq=False)
@@ -62,30 +61,7 @@ class Evaluation:
     failures: FailureLog | None = None
     whole: "Evaluation | None" = None
     solves: int = field(default=0, init=False)
-    bar: Any = field(default=get_progress_bar(False, None), init=False)
-
-    @classmethod
-    @contextmanager
-    def open(
-        cls,
-        posterior: LogPosterior,
-        workers: int | None = None,
-        pool: object = None,
-        on_failure: str = "raise",
-        max_failures: float = 0.2,
-    ) -> "Iterator[Evaluation]":
-        """Yield the evaluation for the arguments of :func:`.run`.
-
-        Raises:
-            ValueError: If one of them makes no sense.
-        """
-        if on_failure not in ("raise", "reject"):
-            raise ValueError(f"on_failure: raise or reject, not {on_failure!r}")
-        fraction = checks.real_number("max_failures", max_failures, 0.0, 1.0)
-        reject = on_failure == "reject"
-        solver = Solver(posterior, reject)
-        with open_pool(pool, workers, solver) as opened:
-            yield cls(solver, opened, FailureLog(fraction) if reject else None)
+    bar: Bar = field(default=get_progress_bar(False, None), init=False)
 
     def part(self) -> "Evaluation":
         """Return an evaluation with its own counts; all is counted here too."""
@@ -105,7 +81,7 @@ class Evaluation:
         """Return the same from new solves, never from a file."""
         if kind in DERIVED:
             return self._linearize(theta, kind)
-        return self._count(self._results(theta, kind))
+        return self._count(*self._results(theta, kind))
 
     def rows(self, theta: Floats) -> Floats:
         """Return the rows of the posterior at ``theta (n, d)``."""
@@ -132,11 +108,11 @@ class Evaluation:
             return
         requests: list[Request] = [("rows", point) for point in theta]
         for number, result in self.pool.each(self.solver, requests):
-            yield number, self._count([result])[0]
+            yield number, self._count(*self._side_by_side([result]))[0]
 
     def again(self, theta: Floats) -> Floats:
         """Return rows for a comparison: neither solves nor failures are counted."""
-        return self._fill(self._results(theta, "rows"))[0]
+        return self._results(theta, "rows")[0]
 
     @property
     def differentiable(self) -> bool:
@@ -166,44 +142,44 @@ class Evaluation:
         if self.failures is not None:
             self.failures.restore(counts[1:])
 
-    def _results(self, theta: Floats, kind: Kind) -> Sequence[Result]:
-        """Return the requested quantities at each point, or why its solve failed."""
-        if self.pool is not None:
-            requests: list[Request] = [(kind, point) for point in theta]
-            return self.pool.map(self.solver, requests)
-        rejecting = self.failures is not None
-        if not (rejecting and self.posterior.one_by_one):
+    def _results(self, theta: Floats, kind: Kind) -> tuple[Floats, Failures]:
+        """Return what is asked for at each point, and why solves failed."""
+        apart = self.solver.reject and self.posterior.one_by_one
+        if self.pool is None and not apart:
             try:
-                return self.posterior.stack(theta, kind)  # type: ignore[return-value]
+                return self.posterior.stack(theta, kind), {}
             except Exception as error:
-                if not (rejecting or _lacks_derivatives(error, kind)):
+                if not self.solver.returns(error, kind):
                     raise
-        return [self.solver((kind, point)) for point in theta]
+        requests: list[Request] = [(kind, point) for point in theta]
+        if self.pool is None:
+            return self._side_by_side([*map(self.solver, requests)])
+        return self._side_by_side(self.pool.map(self.solver, requests))
 
-    def _count(self, results: Sequence[Result]) -> Floats:
-        """Count solves and failures, and return rows for all."""
-        stacked, failed = self._fill(results)
+    def _side_by_side(self, results: Sequence[Result]) -> tuple[Floats, Failures]:
+        """Return results as an array, -inf and NaN where a solve failed, and why."""
+        rejected, failures = self.posterior.rejected(), Failures()
+        rows = [rejected]
+        for number, result in enumerate(results):
+            if isinstance(result, Failure):
+                failures[number] = result
+                result = rejected
+            rows.append(result)
+        stacked = np.full((len(rows), max(map(len, rows))), np.nan)
+        for place, row in zip(stacked, rows, strict=True):
+            place[: len(row)] = row
+        return stacked[1:], failures
+
+    def _count(self, stacked: Floats, failures: Failures) -> Floats:
+        """Count solves and failures, and return the results."""
         # Outside the prior's support nothing is solved, and the log-prior is -inf.
-        solves = len(failed) + int(np.count_nonzero(stacked[:, 1] > -np.inf))
+        solves = len(failures) + int(np.count_nonzero(stacked[:, 1] > -np.inf))
         for evaluation in filter(None, (self, self.whole)):
             evaluation.solves += solves
         self.bar.update(solves)
         if self.failures is not None:
-            self.failures.count(len(results), failed)
+            self.failures.count(len(stacked), [*failures.values()])
         return stacked
-
-    def _fill(self, results: Sequence[Result]) -> tuple[Floats, list[Failure]]:
-        """Return the results as an array, a failure as -inf and NaN, and failures."""
-        if isinstance(results, np.ndarray):
-            return results, []
-        failed = [result for result in results if isinstance(result, Failure)]
-        rejected = self.posterior.rejected()
-        rows = [rejected if isinstance(r, Failure) else r for r in results]
-        width = max(map(len, rows), default=len(rejected))
-        stacked = np.full((len(rows), width), np.nan)
-        for place, row in zip(stacked, rows, strict=True):
-            place[: len(row)] = row
-        return stacked, failed
 
     def _linearize(self, theta: Floats, kind: Kind) -> Floats:
         """Return rows, gradients and perhaps information, side by side."""
@@ -213,9 +189,9 @@ class Evaluation:
         stacked[:, :width] = self.posterior.rejected()
         failed = self.posterior.support(theta)[1]
         if self.posterior.differentiable:
-            results = self._results(theta, kind)
-            failed = np.array([isinstance(result, Failure) for result in results])
-            solved = self._count([r for r in results if not isinstance(r, Failure)])
+            results, failures = self._results(theta, kind)
+            failed = np.isin(np.arange(len(theta)), [*failures])
+            solved = self._count(results[~failed], {})
             stacked[~failed, : solved.shape[1]] = solved
             # Derivatives may fail where the model itself does not.
             if failed.any():

@@ -10,7 +10,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import (
-    Executor,
+    Future,
     ProcessPoolExecutor,
     ThreadPoolExecutor,
     as_completed,
@@ -28,7 +28,7 @@ from .. import checks
 
 # Functions a worker keeps; an older one is sent again when it is needed.
 KEPT_FUNCTIONS = 8
-functions: dict[str, Callable[[Any], object]] = {}  # of this process, by key
+functions: dict[str, "Function"] = {}  # of this process, by key
 
 NOT_LOADED = (
     "The worker could not load the function: it must be in a module that workers can"
@@ -41,8 +41,9 @@ _watched: set[int] = set()  # processes (forks inherit it) that end with their r
 Task: TypeAlias = tuple[str | None, Sequence[object], Any, int]
 # Their workers do not have the user's script: what is defined there goes by value.
 BY_VALUE = ("distributed", "ray", "loky")
-THREADS = (ThreadPoolExecutor, ThreadPool)  # they share memory: nothing is pickled
-HANGING = ("multiprocessing.pool.Pool", "multiprocess.pool.Pool")
+# Of the standard library and loky; mpi4py; schwimmbad.
+NUMBERS_OF_WORKERS = ("_max_workers", "num_workers", "size")
+HANGING = {"multiprocessing.pool.Pool", "multiprocess.pool.Pool"}
 Function: TypeAlias = Callable[[Any], Any]  # of a point
 Results: TypeAlias = Iterator[tuple[int, Any]]  # numbers of points, as they come
 
@@ -100,18 +101,42 @@ class EvaluationPool:
         [4.0, 4.0]
     """
 
+    argument = "pool"  # by which a user gave it
+
     def __init__(self, executor: Any, chunksize: int | None = None) -> None:
-        _check_executor(executor)
+        kinds = [
+            f"{base.__module__}.{base.__name__}" for base in type(executor).__mro__
+        ]
+        # Threads share memory: nothing is pickled.
+        self.threads = isinstance(executor, ThreadPoolExecutor | ThreadPool)
+        if not self.threads and {*kinds} & HANGING:
+            # It forgets the task of the dead; nor does it end if they held a lock.
+            raise TypeError(
+                f"pool, executor: {kinds[0]} waits for ever for a worker that died; "
+                "give run(..., workers=8), or a concurrent.futures.ProcessPoolExecutor"
+            )
+        if isinstance(executor, type) or not hasattr(executor, "map"):
+            raise TypeError(
+                "pool, executor: expected a concurrent.futures executor, a dask Client "
+                f"or a pool with a map, got {executor!r}"
+            )
         if chunksize is not None:
             chunksize = checks.whole_number("chunksize", chunksize, 1)
         self.chunksize = chunksize
-        self._executor = executor
-        self.n_workers = _count_workers(executor)
+        # How many evaluations run at once; 0 where that is unknown.
+        self.n_workers = max(getattr(executor, name, 0) for name in NUMBERS_OF_WORKERS)
         if hasattr(executor, "get_executor"):  # a dask Client
-            self._executor = executor.get_executor(pure=False)
+            if executor.asynchronous:
+                raise TypeError(
+                    "pool, executor: expected a Client with asynchronous=False"
+                )
+            if executor.status != "closed":  # which its first task says
+                self.n_workers = sum(executor.nthreads().values())
+            executor = executor.get_executor(pure=False)
+        self._executor = executor
         # Whether several threads may use it at once.
         self.takes_turns = hasattr(self._executor, "submit")
-        self._shipped: list[tuple[Function, str, bytes]] = []
+        self.shipped: list[tuple[Function, str, bytes]] = []
 
     def map(self, function: Function, iterable: Iterable[object]) -> list[Any]:
         """Return ``[function(point) for point in iterable]``, evaluated by the workers.
@@ -141,7 +166,7 @@ class EvaluationPool:
         function = unwrap(function)
         sent: object = function
         key = payload = None
-        if not isinstance(self._executor, THREADS):
+        if not self.threads:
             key, payload = self.ship(function)
             sent = None
         waiting = list(range(len(parts)))
@@ -169,7 +194,7 @@ class EvaluationPool:
                 yield from enumerate(self._executor.map(evaluate, tasks))
                 return
             submit = self._executor.submit
-            again: dict[Any, int] = {}
+            again: dict[Future[Outcome], int] = {}
             begun = {submit(evaluate, task): i for i, task in enumerate(tasks)}
             for places in (begun, again):
                 for future in as_completed(places):
@@ -193,28 +218,13 @@ class EvaluationPool:
 
     def ship(self, function: Function) -> tuple[str, bytes]:
         """Return the key of a function and the bytes that a worker needs."""
-        for known, key, payload in self._shipped:
+        for known, key, payload in self.shipped:
             if known is function:
                 return key, payload
         key = f"{os.getpid()}-{next(_keys)}-{id(self)}"
-        payload = _dump(self._executor, function)
-        self._shipped = [(function, key, payload), *self._shipped][:KEPT_FUNCTIONS]
+        payload = _dump(self.argument, self._executor, function)
+        self.shipped = [(function, key, payload), *self.shipped][:KEPT_FUNCTIONS]
         return key, payload
-
-
-class ForkedPool(EvaluationPool):
-    """A pool whose processes are forked at once, and inherit the function."""
-
-    def __init__(self, executor: Executor, function: Function) -> None:
-        super().__init__(executor, chunksize=1)
-        key = f"inherited from {os.getpid()}-{next(_keys)}"
-        self._shipped = [(function, key, b"")]
-        functions[key] = function
-        with warnings.catch_warnings():
-            # Python warns of locks that other threads may hold: workers need none.
-            warnings.filterwarnings("ignore", ".*fork", DeprecationWarning)
-            executor.submit(int).result()  # forks all processes
-        del functions[key]
 
 
 @contextmanager
@@ -229,7 +239,9 @@ def open_pool(
         function: What will be evaluated, which forked processes inherit.
     """
     if workers is None:
-        yield _as_pool(pool)
+        if pool is not None and not isinstance(pool, EvaluationPool):
+            pool = EvaluationPool(pool, chunksize=1)
+        yield pool
         return
     workers = checks.whole_number("workers", workers, 1)
     if pool is not None:
@@ -237,68 +249,36 @@ def open_pool(
     method = multiprocessing.get_start_method(allow_none=True)
     if method is None and sys.platform == "linux":
         method = "fork"
-    context: Any = multiprocessing.get_context(method)
+    context = multiprocessing.get_context(method)
     reader, writer = context.Pipe(duplex=False)
-    executor = OwnProcesses(workers, context, begin, (reader, writer))
+    executor = ProcessPoolExecutor(workers, context, begin, (reader, writer))
+    opened = EvaluationPool(executor, chunksize=1)
+    opened.argument = "workers"
     with reader, writer, executor:
         try:
             if context.get_start_method() == "fork":
-                yield ForkedPool(executor, function)
-            else:
-                yield EvaluationPool(executor, chunksize=1)
+                key = f"inherited from {os.getpid()}-{next(_keys)}"
+                opened.shipped, functions[key] = [(function, key, b"")], function
+                with warnings.catch_warnings():
+                    # Python warns of locks that other threads may hold: none is needed.
+                    warnings.filterwarnings("ignore", ".*fork", DeprecationWarning)
+                    executor.submit(int).result()  # forks all processes
+                del functions[key]
+            yield opened
         except BaseException:
             writer.send_bytes(b"end")  # whatever they are at
             raise
-
-
-class OwnProcesses(ProcessPoolExecutor):
-    """The processes of ``run(..., workers=8)``."""
 
 
 def count_workers(pool: object, workers: int | None) -> int:
     """Return how many evaluations :func:`open_pool` runs at once; 1 if unknown."""
     if workers is not None:
         return checks.whole_number("workers", workers, 1)
-    opened = _as_pool(pool)
-    return 1 if opened is None else max(1, opened.n_workers)
+    with open_pool(pool, None, len) as opened:  # which evaluates nothing
+        return 1 if opened is None else max(1, opened.n_workers)
 
 
-def _as_pool(pool: object) -> EvaluationPool | None:
-    if pool is None or isinstance(pool, EvaluationPool):
-        return pool
-    return EvaluationPool(pool, chunksize=1)
-
-
-def _check_executor(executor: object) -> None:
-    """Refuse a pool that cannot evaluate, or that may wait forever."""
-    classes = [f"{base.__module__}.{base.__name__}" for base in type(executor).__mro__]
-    if any(name in HANGING for name in classes) and not isinstance(executor, THREADS):
-        # It forgets the task of the dead; nor does it end if they held a lock.
-        raise TypeError(
-            f"pool, executor: {classes[0]} waits for ever for a worker that died; give "
-            "run(..., workers=8), or a concurrent.futures.ProcessPoolExecutor"
-        )
-    if getattr(executor, "asynchronous", False):
-        raise TypeError("pool, executor: expected a Client with asynchronous=False")
-    if isinstance(executor, type) or not hasattr(executor, "map"):
-        raise TypeError(
-            "pool, executor: expected a concurrent.futures executor, a dask Client or "
-            f"a pool with a map, got {executor!r}"
-        )
-
-
-def _count_workers(executor: Any) -> int:
-    """Return how many evaluations run at once; 0 if unknown."""
-    if hasattr(executor, "nthreads"):  # a dask Client
-        if executor.status == "closed":  # which its first task says
-            return 0
-        return sum(executor.nthreads().values())
-    # The standard library and loky; mpi4py; schwimmbad.
-    names = ("_max_workers", "num_workers", "size")
-    return max(getattr(executor, name, 0) for name in names)
-
-
-def _dump(executor: object, function: Function) -> bytes:
+def _dump(argument: str, executor: object, function: Function) -> bytes:
     """Pickle for the workers of an executor; pickle's message names what it cannot."""
     by_value = type(executor).__module__.partition(".")[0] in BY_VALUE
     by_value |= not hasattr(sys.modules["__main__"], "__file__")  # of a notebook
@@ -316,11 +296,11 @@ def _dump(executor: object, function: Function) -> bytes:
     except Exception as error:
         why = str(error)
     raise TypeError(
-        f"{'workers' if isinstance(executor, OwnProcesses) else 'pool'}: the function "
-        f"cannot be pickled for the workers ({why}); {remedy}write functions at the top"
-        " level of a module, and open files, locks and programs inside the call; or "
-        "give pool=ThreadPoolExecutor(8), which pickles nothing, or workers=8, which on"
-        " Linux does not either unless a start method other than fork was set"
+        f"{argument}: the function cannot be pickled for the workers ({why}); {remedy}"
+        "write functions at the top level of a module, and open files, locks and "
+        "programs inside the call; or give pool=ThreadPoolExecutor(8), which pickles "
+        "nothing, or workers=8, which on Linux does not either unless a start method "
+        "other than fork was set"
     )
 
 
@@ -344,8 +324,7 @@ def evaluate(task: Task) -> Outcome:
         try:
             values.append(function(point))
         except (Exception, SystemExit) as error:  # a script may end with sys.exit
-            where = "" if getattr(error, "__notes__", ()) else f" at {point}"
-            return _fail(error, f"Raised on a worker{where}")
+            return _fail(error, "Raised on a worker", f" at {point}")
     return Outcome(values)
 
 
@@ -375,23 +354,24 @@ def _end_after(event: Callable[[], object]) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _fail(error: BaseException, note: str) -> Outcome:
+def _fail(error: BaseException, note: str, where: str = "") -> Outcome:
     trace = "".join(traceback.format_exception(error)).rstrip()
+    notes = getattr(error, "__notes__", ())  # they may say where
     if isinstance(error, SystemExit):
         error = RuntimeError(f"the function called sys.exit({error.code!r})")
     try:  # not every exception survives the journey
         pickle.loads(pickle.dumps(error))
     except Exception:
         survivor = RuntimeError(f"{type(error).__name__}: {error}")
-        for line in getattr(error, "__notes__", ()):
+        for line in notes:
             survivor.add_note(line)
         error = survivor
-    return Outcome(error=error, note=f"{note}\n{trace}")
+    return Outcome(error=error, note=f"{note}{'' if notes else where}\n{trace}")
 
 
-def unwrap(function: Any) -> Callable[[Any], Any]:
+def unwrap(function: Function) -> Function:
     """Return what emcee wraps, anew for every sampler, if it wraps nothing else."""
     bare = isinstance(function, _FunctionWrapper)
-    if bare and not (function.args or function.kwargs):
-        return function.f  # type: ignore[no-any-return]
-    return function  # type: ignore[no-any-return]
+    if bare and not (function.args or function.kwargs):  # type: ignore[attr-defined]
+        return function.f  # type: ignore[attr-defined, no-any-return]
+    return function

@@ -16,7 +16,10 @@ import numpy as np
 from .. import checks
 from ..contracts import Floats
 from ..posterior.log_posterior import LogPosterior
-from .evaluator import Evaluation
+from ..posterior.priors import list_laws
+from .evaluator import Evaluation, Solver
+from .failures import FailureLog
+from .pools import open_pool
 from .samplers import describe_object
 from .store import Store, StoredEvaluation
 
@@ -38,7 +41,7 @@ def describe(posterior: LogPosterior, asked: Mapping[str, object]) -> dict[str, 
     prior, kind = posterior.prior, type(posterior.prior).__name__
     entries: dict[str, object] = {
         "parameters": posterior.names,
-        "prior": getattr(prior, "distributions", kind),
+        "prior": list_laws(prior) or kind,
         "terms": posterior.term_names,
         "stored": {name: v.shape for name, v in posterior.variables.items()},
     }
@@ -96,7 +99,6 @@ def check_path(backend: object, resume: bool) -> str | None:
 def open_evaluator(
     posterior: LogPosterior,
     asked: Mapping[str, object],
-    *,
     workers: int | None,
     pool: object,
     on_failure: str,
@@ -120,8 +122,12 @@ def open_evaluator(
     """
     path = check_path(backend, checks.flag("resume", resume))
     tolerance = checks.real_number("probe_tolerance", probe_tolerance, 0)
-    opened = Evaluation.open(posterior, workers, pool, on_failure, max_failures)
-    with opened as evaluation:
+    if on_failure not in ("raise", "reject"):
+        raise ValueError(f"on_failure: raise or reject, not {on_failure!r}")
+    log = FailureLog(checks.real_number("max_failures", max_failures, 0.0, 1.0))
+    solver = Solver(posterior, on_failure == "reject")
+    with open_pool(pool, workers, solver) as opened:
+        evaluation = Evaluation(solver, opened, log if solver.reject else None)
         if path is None:
             yield evaluation
             return

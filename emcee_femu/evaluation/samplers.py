@@ -23,7 +23,7 @@ from emcee.pbar import get_progress_bar
 
 from .. import checks
 from ..contracts import Floats, Move
-from .evaluator import Evaluation
+from .evaluator import Bar, Evaluation
 from .failures import FailureLog
 from .pools import EvaluationPool, Function
 
@@ -71,7 +71,7 @@ class Sampler(emcee.EnsembleSampler):
         state: emcee.State,
         steps: int,
         thin_by: int,
-        bar: Any,
+        bar: Bar,
         fresh: Weighted | None = None,
     ) -> None:
         """Go on by some stored steps.
@@ -108,7 +108,7 @@ class Sampler(emcee.EnsembleSampler):
         before: emcee.State,
         remembered: str,
         last: emcee.State,
-        options: dict[str, Any],
+        options: dict[str, int],
     ) -> None:
         """Refuse moves whose last step cannot be repeated from the stored state."""
         replay, moves = Replay(self.evaluator, self._found or []), copy_moves(fresh)
@@ -144,14 +144,14 @@ def copy_moves(weighted: Weighted) -> list[tuple[Move, float]]:
         ) from error
 
 
-def foreign_moves(weighted: Weighted) -> Iterator[Any]:
+def foreign_moves(weighted: Weighted) -> Iterator[Move]:
     """Yield the moves, and those inside of others, that are not of this package.
 
     The package's own keep counts and caches, which change no proposal.
     """
-    move: Any
-    for move, _ in weighted:
-        while hasattr(move, "propose"):
+    for outer, _ in weighted:
+        move: Move | None = outer
+        while move is not None:
             if type(move).__module__.partition(".")[0] != PACKAGE:
                 yield move
             move = getattr(move, "inner", None)
@@ -216,10 +216,8 @@ class Replay(Evaluation):
         return np.tile(self.posterior.rejected(), (len(theta), 1))
 
 
-def moves_of(sampler: object) -> list[tuple[Move, float]]:
-    """Return the weighted moves of a sampler; a backend has none."""
-    if not isinstance(sampler, emcee.EnsembleSampler):
-        return []
+def moves_of(sampler: emcee.EnsembleSampler) -> list[tuple[Move, float]]:
+    """Return the weighted moves of a sampler."""
     return list(zip(sampler._moves, sampler._weights, strict=True))
 
 
@@ -243,7 +241,8 @@ def describe_object(value: object) -> str:
         return repr(value).partition(" at 0x")[0]
     kinds = [kind for kind in type(value).__mro__ if "__init__" in vars(kind)]
     names = {name for kind in kinds[:-1] for name in signature(kind).parameters}
-    kept = [f"{n}={getattr(value, n)!r}" for n in sorted(names) if hasattr(value, n)]
+    there = getattr(value, "__dict__", {})
+    kept = [f"{n}={v!r}" for n, v in sorted(there.items()) if n in names]
     return f"{type(value).__name__}({', '.join(kept)})"
 
 
@@ -265,7 +264,7 @@ def check_progress(progress: bool | str | None) -> bool | str:
     return progress
 
 
-def progress_bar(progress: bool | str, total: int, text: str) -> Any:
+def progress_bar(progress: bool | str, total: int, text: str) -> Bar:
     """Return a progress bar with emcee's interface, as requested."""
     if progress is True and not _on_terminal():
         if not _in_notebook():
@@ -274,13 +273,13 @@ def progress_bar(progress: bool | str, total: int, text: str) -> Any:
     return get_progress_bar(progress, total, desc=text)
 
 
-def caption(bar: Any, text: str) -> None:
+def caption(bar: Bar, text: str) -> None:
     """Write the state of a run beside its bar; emcee's empty bar cannot show it."""
     if show := getattr(bar, "set_description", None):
         show(text)
 
 
-def complete(bar: Any) -> None:
+def complete(bar: Bar) -> None:
     """End a bar that is not full at its present value."""
     if total := getattr(bar, "n", None):  # of tqdm
         bar.total = total

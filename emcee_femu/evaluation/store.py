@@ -8,12 +8,13 @@ it goes on, and each record has a checksum.
 """
 
 import errno
+import itertools
 import json
 import os
 import sqlite3
 import time
 import zlib
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -37,9 +38,8 @@ TABLES = (
     "ndim INTEGER, counts TEXT, content BLOB, checksum INTEGER, "
     "UNIQUE (stream, number))",
 )
-# Transactions are begun here; another program that reads or writes is waited for, 60 s.
-OPTIONS: Any = dict(timeout=60.0, isolation_level=None, check_same_thread=False)
-SLOW = 0.1  # s between records from which each is synced to disk
+WAITED = 60.0  # s for another program that reads or writes
+SLOW = 0.1  # s between records from which each of them survives a power loss too
 MOST_LOST = 256  # points of a batch that a kill may lose
 
 
@@ -117,22 +117,21 @@ class Store:
 
     def lengths(self) -> dict[int, int]:
         """Return how many records each stream has."""
-        query = (
-            "SELECT stream, iif(count(*) = count(number), count(*), NULL) "
-            "FROM record GROUP BY stream"
-        )
-        with self._reading() as file:
-            lengths = dict(file.execute(query))
-            _refuse_null([*lengths, *lengths.values()])
-        return lengths
+        streams, lengths = np.unique(self._records()[:, 0], return_counts=True)
+        return dict(zip(streams.tolist(), lengths.tolist(), strict=True))
 
-    def spread(self, size: int) -> Iterator[tuple[Floats, Floats]]:
-        """Yield stored points and their values, evenly spread over the file."""
+    def _records(self) -> NDArray[np.int_]:
+        """Return stream, number and points of each record, in their order."""
         query = "SELECT stream, number, points FROM record ORDER BY stream, number"
         with self._reading() as file:
             rows = file.execute(query).fetchall()
-            _refuse_null([number for row in rows for number in row])
-        records = np.array(rows, dtype=int).reshape(-1, 3)
+            if None in itertools.chain.from_iterable(rows):
+                raise sqlite3.DatabaseError("a number is missing")
+        return np.array(rows, dtype=int).reshape(-1, 3)
+
+    def spread(self, size: int) -> Iterator[tuple[Floats, Floats]]:
+        """Yield stored points with their values, spread evenly over all of them."""
+        records = self._records()
         ends, total = records[:, 2].cumsum(), int(records[:, 2].sum())
         for place in np.linspace(0, total - 1, min(size, total)).astype(int):
             at = int(np.searchsorted(ends, place, "right"))
@@ -195,8 +194,14 @@ class Store:
 
     def _connect(self, mode: str) -> sqlite3.Connection:
         uri = Path(self.path).as_uri() + f"?mode={mode}"
-        file: sqlite3.Connection = sqlite3.connect(uri, uri=True, **OPTIONS)
-        return file
+        # Transactions are begun by _writing, on whatever thread.
+        return sqlite3.connect(
+            uri,
+            uri=True,
+            timeout=WAITED,
+            isolation_level=None,
+            check_same_thread=False,
+        )
 
     @contextmanager
     def _reading(self) -> Iterator[sqlite3.Connection]:
@@ -257,11 +262,6 @@ class Store:
 
 def _insert(file: sqlite3.Connection, statement: str, *values: object) -> None:
     file.execute(statement, (*values, _checksum(values)))
-
-
-def _refuse_null(values: Collection[object]) -> None:
-    if None in values:
-        raise sqlite3.DatabaseError("a number is missing")
 
 
 def _checksum(values: Sequence[object]) -> int:
@@ -325,9 +325,9 @@ class StoredChain(emcee.backends.Backend):
         numbers = range(discard + thin, self.iteration + 1, thin)
         if not numbers:
             raise AttributeError(f"{self._store.path}: no step of this ensemble left")
-        part: dict[str, Any] = {"log_prob": 0, "blobs": slice(1, None)}
+        part = 0 if name == "log_prob" else slice(1, None)
         steps = [
-            record.theta if name == "chain" else record.values[:, part[name]]
+            record.theta if name == "chain" else record.values[:, part]
             for record in self._store.read(self._stream, numbers)
         ]
         return np.asarray(np.concatenate(steps) if flat else np.stack(steps))

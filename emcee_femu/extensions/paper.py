@@ -76,10 +76,8 @@ class Problem(Report):
             ("parameter", "", names),
             ("unit", "", [self.units.get(name, "") for name in names]),
         ]
-        for title in ("initial", "nominal", "target"):
-            values = getattr(self, title)
-            if values is not None:
-                columns.append((title, ".5g", [values[name] for name in names]))
+        sets = {"initial": self.initial, "nominal": self.nominal, "target": self.target}
+        columns += [(k, ".5g", [v[n] for n in names]) for k, v in sets.items() if v]
         yield Table.from_columns("Updating problem of the paper", columns)
         yield f"Measured, in Hz: {', '.join(f'{f:g}' for f in self.measured)}"
 

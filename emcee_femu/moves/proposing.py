@@ -266,5 +266,4 @@ def _as_code(value: object) -> str:
     """Return an argument as code; an object that prints tables, by its class."""
     if isinstance(value, np.ndarray):
         return repr(value.tolist())
-    tables = type(value).__repr__ is Report.__repr__
-    return type(value).__name__ if tables else repr(value)
+    return type(value).__name__ if isinstance(value, Report) else repr(value)

@@ -21,12 +21,11 @@ REMEDIES |= dict.fromkeys(
 
 def check_prior(prior: Prior) -> None:
     """Refuse what is not a prior."""
-    for attribute in ("names", "bounds", "logpdf", "sample"):
-        if not hasattr(prior, attribute):
-            raise TypeError(
-                f"prior: expected names, bounds, logpdf and sample, but "
-                f"{type(prior).__name__} has no {attribute}; see GaussianPrior"
-            )
+    if missing := {"names", "bounds", "logpdf", "sample"}.difference(dir(prior)):
+        raise TypeError(
+            "prior: expected names, bounds, logpdf and sample, but "
+            f"{type(prior).__name__} has no {min(missing)}; see GaussianPrior"
+        )
     shape = (len(prior.names), 2)
     if type(prior.bounds) is not np.ndarray or prior.bounds.shape != shape:
         raise TypeError(
@@ -53,39 +52,32 @@ def check_parameters(
         names = read_declared(reader, "names") or ()
         bounds = read_declared(reader, "bounds") or {}
         if missing := sorted({*names} - {*prior.names}):
-            remedy = ""
-            if isinstance(reader, Term):
-                remedy = f"; add {missing[0]!r}: {ERROR_PRIOR}, or its own range"
+            remedy = f"; add {missing[0]!r}: {ERROR_PRIOR}, or its own range"
             raise ValueError(
                 f"prior: no parameter {missing}, which {type(reader).__name__} needs; "
-                f"there are {[*prior.names]}{remedy}"
+                f"there are {[*prior.names]}{remedy * isinstance(reader, Term)}"
             )
         read |= {*names, *bounds}
         for name in bounds.keys() & {*prior.names}:
-            ends = prior.bounds[prior.names.index(name)].tolist()
-            _check_bounds(type(reader).__name__, name, ends, *bounds[name])
+            least, most = prior.bounds[prior.names.index(name)].tolist()
+            low, high = bounds[name]
+            if (low, high) == (0.0, np.inf) and least < 0:
+                raise ValueError(
+                    f"prior: {name!r} must stay above zero for "
+                    f"{type(reader).__name__}, but its lower bound is {least:g}; give "
+                    "it bounds with low >= 0"
+                )
+            if least < low or most > high:
+                raise ValueError(
+                    f"prior: {name!r} has bounds ({least:g}, {most:g}), but the model "
+                    f"holds within ({low:g}, {high:g}); widen the model, or cut the "
+                    f"prior: IndependentPrior({{...}}, bounds={{{name!r}: ({low:g}, "
+                    f"{high:g})}})"
+                )
     unread = [name for name in prior.names if name not in read]
     # A model that declares no names reads what it likes.
     if unread and all(read_declared(model, "names") is not None for model in models):
         raise ValueError(f"prior: no model or term reads {unread}, only {sorted(read)}")
-
-
-def _check_bounds(
-    reader: str, name: str, ends: Sequence[float], low: float, high: float
-) -> None:
-    """Refuse a prior that reaches beyond where a model or term holds."""
-    least, most = ends
-    if (low, high) == (0.0, np.inf) and least < 0:
-        raise ValueError(
-            f"prior: {name!r} must stay above zero for {reader}, but its lower bound "
-            f"is {least:g}; give it bounds with low >= 0"
-        )
-    if least < low or most > high:
-        raise ValueError(
-            f"prior: {name!r} has bounds ({least:g}, {most:g}), but the model holds "
-            f"within ({low:g}, {high:g}); widen the model, or cut the prior: "
-            f"IndependentPrior({{...}}, bounds={{{name!r}: ({low:g}, {high:g})}})"
-        )
 
 
 def declare(model: Model, terms: Sequence[Term]) -> Mapping[str, Variable]:
@@ -98,7 +90,7 @@ def declare(model: Model, terms: Sequence[Term]) -> Mapping[str, Variable]:
         ValueError: If nothing is declared, or a term needs what is not declared.
     """
     needs = [(t, *item) for t in terms for item in (t.reads or {}).items()]
-    declared: Mapping[str, Variable] | None = read_declared(model, "variables")
+    declared: dict[str, Variable] | None = read_declared(model, "variables")
     if declared is None and not needs:
         raise ValueError(
             "model: what does it return? Neither it nor a term declares variables; "
@@ -118,8 +110,7 @@ def declare(model: Model, terms: Sequence[Term]) -> Mapping[str, Variable]:
                 f"terms: {term.name!r} reads {name!r}, which the model does not "
                 f"return; it returns {list(declared)}" + REMEDIES.get(name, "")
             )
-        wrong = _compare(variable, declared[name])
-        if wrong:
+        if wrong := _compare(variable, declared[name]):
             raise ValueError(f"terms: {term.name!r} reads {name!r} {wrong}")
     for term in terms:
         for name, values in term.observed.items():

@@ -23,6 +23,7 @@ from ..contracts import (
     read_declared,
 )
 from ..likelihoods.term import Term, as_term, move_along
+from ..models.paired import PairedModel
 from .compatibility import check_terms, declare
 
 Terms: TypeAlias = LikelihoodTerm | Sequence[LikelihoodTerm]
@@ -60,6 +61,7 @@ class Experiment:
         terms: Likelihood terms, or one.
 
     Attributes:
+        paired: The model, if it pairs modes; else None.
         term_names: The labels of the terms.
         variables: The stored variables of the response, by their own names.
         shapes: Theirs, for one parameter set.
@@ -72,6 +74,7 @@ class Experiment:
         sequence = tuple(terms) if isinstance(terms, Sequence) else (terms,)
         check_terms(model, sequence)
         self.name, self.model = name, model
+        self.paired = model if isinstance(model, PairedModel) else None
         self.terms = tuple(map(as_term, sequence))
         names = [term.name or f"term{i}" for i, term in enumerate(self.terms)]
         self.term_names = checks.parameter_names("terms (their names)", names)
@@ -151,11 +154,11 @@ class Experiment:
         self, term: Term, name: str, parameters: Parameters, response: Response
     ) -> Floats:
         value = term(parameters, response)
+        label = f"terms ({self.full_name(name)!r})"
         if type(value) is not np.ndarray or value.dtype != np.float64:
-            value = checks.numeric_array(f"terms ({self.full_name(name)!r})", value)
+            value = checks.numeric_array(label, value)
         n = len(next(iter(parameters.values())))
-        if value.shape != (n,):  # one number would do for all rows, unseen
-            checks.shaped(f"terms ({self.full_name(name)!r})", value.shape, (n,))
+        checks.shaped(label, value.shape, (n,))  # one number would do for all, unseen
         return value
 
     def _average(
@@ -270,9 +273,8 @@ def check_joint(experiments: Tests) -> None:
 def name_sets(parameters: Parameters) -> dict[str, float] | list[object]:
     """Return parameter sets by name, and not all of many."""
     n = len(next(iter(parameters.values())))
-    digits = 17 if n == 1 else 6  # which of several was wrong is not known anyway
     sets = [
-        {name: float(f"{values[i]:.{digits}g}") for name, values in parameters.items()}
+        {name: values[i].item() for name, values in parameters.items()}
         for i in range(min(n, SHOWN_SETS))
     ]
     rest = [f"{n - SHOWN_SETS} more"] if n > SHOWN_SETS else []

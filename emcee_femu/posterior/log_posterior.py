@@ -208,14 +208,16 @@ class LogPosterior(Report):
             >>> posterior([1.5, 2.0]).round(3).tolist()
             [-5.906, -5.781, -0.125, 0.5]
         """
-        by_name = dict(prior) if isinstance(prior, Mapping) else {}
-        known = IndependentPrior(prior) if isinstance(prior, Mapping) else prior
+        boxes = list[ArrayLike]()
+        if isinstance(prior, Mapping):
+            boxes, prior = [*prior.values()], IndependentPrior(prior)
+        known: Prior = prior
         check_prior(known)
         named = {} if kwargs is None else kwargs
         bare = DensityModel(log_likelihood, known.names, vectorize, args, named)
         draws = known.sample(np.random.default_rng(0), TRIED_DRAWS)
         self = cls(bare.declare_blobs(draws), bare.density, known)
-        if by_name and all(np.shape(ends) == (2,) for ends in by_name.values()):
+        if boxes and all(np.shape(ends) == (2,) for ends in boxes):
             self.log_box = float(np.log(np.diff(known.bounds)).sum())
         return self
 

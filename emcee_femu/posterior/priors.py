@@ -17,7 +17,37 @@ from ..table import Column, Parts, Report, Table, unit_column
 MOMENT_DRAWS = 20_000  # of a prior, for its moments
 
 
-class GaussianPrior(Report):
+class KnownPrior(Report):
+    """What the priors of this package tell beside the contract of a prior."""
+
+    names: tuple[str, ...]
+    bounds: Floats
+    marginals: dict[str, Any]  # by name; a Gaussian's before truncation
+
+    @property
+    def distributions(self) -> list[str]:
+        """The marginal distributions before truncation, in scipy's notation."""
+        return [describe_marginal(marginal) for marginal in self.marginals.values()]
+
+    def _parts(self) -> Parts:
+        return (tabulate_prior("Prior", self),)
+
+    def logpdf(self, theta: Floats) -> Floats:
+        """Return the log density ``(n,)`` of ``theta (n, d)``, -inf out of bounds."""
+        return np.asarray(self.logpdfs(theta).sum(axis=1))
+
+    def logpdfs(self, theta: Floats) -> Floats:
+        """Return each parameter's log density ``(n, d)``, -inf out of bounds."""
+        pairs = zip(theta.T, self.marginals.values(), strict=True)
+        return np.column_stack([marginal.logpdf(column) for column, marginal in pairs])
+
+    def sample(self, rng: np.random.Generator, n: int) -> Floats:
+        """Draw ``(n, d)`` parameter sets inside the bounds."""
+        columns = [m.rvs(size=n, random_state=rng) for m in self.marginals.values()]
+        return np.column_stack(columns).astype(float)
+
+
+class GaussianPrior(KnownPrior):
     r"""Independent Gaussian priors, truncated at bounds and normalised (Eq. 2.3).
 
     .. math:: p(\theta) \propto
@@ -71,20 +101,8 @@ class GaussianPrior(Report):
         log_mass = stats.norm.logpdf(nearest) - cut
         constant = -np.log(sd).sum() - 0.5 * d * np.log(2 * np.pi) - log_mass.sum()
         self._log_constant = float(constant)
-
-    @property
-    def marginals(self) -> dict[str, Any]:
-        """The marginal distributions by name, before truncation."""
-        moments = zip(self.names, self.mean, self.sd, strict=True)
-        return {name: stats.norm(mean, sd) for name, mean, sd in moments}
-
-    @property
-    def distributions(self) -> list[str]:
-        """The marginal distributions before truncation, in scipy's notation."""
-        return [describe_marginal(marginal) for marginal in self.marginals.values()]
-
-    def _parts(self) -> Parts:
-        return (tabulate_prior("Prior", self),)
+        moments = zip(self.names, mean, sd, strict=True)
+        self.marginals = {name: stats.norm(*pair) for name, *pair in moments}
 
     def logpdf(self, theta: Floats) -> Floats:
         """Return the log density ``(n,)`` of ``theta (n, d)``, -inf out of bounds."""
@@ -106,7 +124,7 @@ class GaussianPrior(Report):
         return np.asarray(np.clip(self.mean + self.sd * standard, *self.bounds.T))
 
 
-class IndependentPrior(Report):
+class IndependentPrior(KnownPrior):
     """Independent priors, each a frozen continuous distribution of scipy.stats.
 
     ``p(theta) = prod_i p_i(theta_i)``, normalised inside the bounds. Use it for
@@ -144,7 +162,7 @@ class IndependentPrior(Report):
         if ends:
             limits = check_bounds([*ends.values()], (*ends,)).tolist()
             ends = dict(zip(ends, limits, strict=True))
-        self.marginals: dict[str, Any] = {}
+        self.marginals = {}
         for name, marginal in marginals.items():
             if np.shape(marginal) == (2,):
                 low, high = checks.real_array(f"marginals[{name!r}]", marginal)
@@ -165,31 +183,6 @@ class IndependentPrior(Report):
             self.marginals[name] = marginal
         supports = [marginal.support() for marginal in self.marginals.values()]
         self.bounds = check_bounds(supports, names)
-
-    @property
-    def distributions(self) -> list[str]:
-        """The marginal distributions before truncation, in scipy's notation."""
-        return [describe_marginal(marginal) for marginal in self.marginals.values()]
-
-    def _parts(self) -> Parts:
-        return (tabulate_prior("Prior", self),)
-
-    def logpdf(self, theta: Floats) -> Floats:
-        """Return the log density ``(n,)`` of ``theta (n, d)``, -inf out of bounds."""
-        total = np.zeros(len(theta))
-        for column, marginal in zip(theta.T, self.marginals.values(), strict=True):
-            total += marginal.logpdf(column)
-        return total
-
-    def logpdfs(self, theta: Floats) -> Floats:
-        """Return each parameter's log density ``(n, d)``, -inf out of bounds."""
-        pairs = zip(theta.T, self.marginals.values(), strict=True)
-        return np.column_stack([marginal.logpdf(column) for column, marginal in pairs])
-
-    def sample(self, rng: np.random.Generator, n: int) -> Floats:
-        """Draw ``(n, d)`` parameter sets inside the bounds."""
-        columns = [m.rvs(size=n, random_state=rng) for m in self.marginals.values()]
-        return np.column_stack(columns).astype(float)
 
 
 class _Cut:
@@ -261,15 +254,24 @@ def prior_centre(prior: Prior) -> Floats:
     return summarize_prior(prior)[0]
 
 
+def list_laws(prior: Prior) -> list[str]:
+    """Return the marginal distributions of a prior of this package, none of others."""
+    return prior.distributions if isinstance(prior, KnownPrior) else []
+
+
 def tabulate_prior(
     title: str, prior: Prior, units: Mapping[str, str] | None = None
 ) -> Table:
     """Return a table of names and bounds, and of this package's marginals."""
     columns: list[Column] = [("parameter", "", list(prior.names))]
     columns += unit_column((units or {}).get(name, "") for name in prior.names)
+<<<<<<< HEAD
     if isinstance(prior, GaussianPrior | IndependentPrior):
         # scipy's uniform(loc, scale) would be taken for the bounds, which stand beside.
         laws = [re.sub(r"^uniform\(.*", "uniform", law) for law in prior.distributions]
+=======
+    if laws := list_laws(prior):
+>>>>>>> main
         columns.append(("prior", "", laws))
     low, high = np.transpose(prior.bounds)
     columns += [("lower", ".4g", low), ("upper", ".4g", high)]

@@ -129,9 +129,8 @@ def samples(
         ValueError: If the group has no such variable.
     """
     posterior = dataset(idata, "posterior")
-    wanted: Any = [var_names] if isinstance(var_names, str) else var_names
-    if var_names is None:
-        wanted = np.atleast_1d(posterior.attrs.get("sampled", list(posterior)))
+    known = posterior.attrs.get("sampled", list(posterior))
+    wanted = np.atleast_1d(known if var_names is None else var_names)
     columns: dict[str, Floats] = {}
     for name in checks.parameter_names("var_names", wanted):
         if name not in posterior:

@@ -14,10 +14,10 @@ import numpy as np
 from emcee.backends import Backend
 
 from .. import checks
-from ..contracts import Floats
+from ..contracts import Floats, Move
 from ..evaluation.pools import unwrap
 from ..evaluation.resume import LOG_BOX
-from ..evaluation.samplers import Sampler, describe_moves, moves_of
+from ..evaluation.samplers import describe_moves, moves_of
 from ..evaluation.store import Store, StoredChain
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
@@ -85,61 +85,59 @@ def read_chains(
     samplers = list(source) if isinstance(source, Sequence) else [source]
     backends = [getattr(sampler, "backend", sampler) for sampler in samplers]
     if not backends or not all(isinstance(b, Backend) for b in backends):
+        remedy = "; run(...) its .posterior first" if "posterior" in dir(source) else ""
         raise TypeError(
             f"{argument}: expected what run returned, emcee samplers or backends, the "
             f"name of a run's file or an ArviZ object, got {type(source).__name__}"
-            + "; run(...) its .posterior first"
-            * hasattr(source, "posterior")
+            + remedy
         )
-    weighted = moves_of(samplers[0])
+    names: tuple[str, ...] = ()
+    weighted = list[tuple[Move, float]]()
+    if isinstance(samplers[0], emcee.EnsembleSampler):
+        posterior = posterior or _sampled_by(samplers[0])
+        names, weighted = _given_names(samplers[0]), moves_of(samplers[0])
     chains = read(backends, ladder_of([move for move, _ in weighted]))
-    run = source if isinstance(source, Run) else None
-    posterior = posterior or _sampled_by(samplers[0])
+    d = chains.draws.shape[-1]
+    if posterior is not None and posterior.ndim == d:
+        names = posterior.names
     chains = replace(
         chains,
-        names=_names(samplers[0], posterior, chains.draws.shape[-1]),
+        names=names or tuple(f"theta{i + 1}" for i in range(d)),
         posterior=posterior,
         moves=describe_moves(weighted) or Chains.moves,
         plain=posterior is None,
         log_box=posterior.log_box if posterior else np.nan,
     )
-    if run is None:
+    if not isinstance(source, Run):
         return chains
     return replace(
         chains,
-        search=run.search,
-        seed=str(run.seed),
-        origin="" if run.search is None else run.search.sentence,
-        failures={} if run.failures is None else dict(run.failures.causes),
-        solves=run.solves,
-        stopped=run.stopped,
-        starts_given=run.starts_given,
-        doubts=run.doubts,
+        search=source.search,
+        seed=str(source.seed),
+        origin="" if source.search is None else source.search.sentence,
+        failures={} if source.failures is None else dict(source.failures.causes),
+        solves=source.solves,
+        stopped=source.stopped,
+        starts_given=source.starts_given,
+        doubts=source.doubts,
     )
 
 
-def _sampled_by(sampler: object) -> LogPosterior | None:
-    """Return the LogPosterior that an emcee sampler samples, or None."""
-    if isinstance(sampler, Sampler):
-        return sampler.evaluator.posterior
-    if isinstance(sampler, emcee.EnsembleSampler):
-        function = unwrap(sampler.log_prob_fn)
-        return function if isinstance(function, LogPosterior) else None
-    return None
+def _sampled_by(sampler: emcee.EnsembleSampler) -> LogPosterior | None:
+    """Return the posterior of an emcee sampler, None where it is of something else."""
+    function = unwrap(sampler.log_prob_fn)
+    found = getattr(function, "posterior", function)  # of what evaluates it
+    return found if isinstance(found, LogPosterior) else None
 
 
-def _names(
-    sampler: object, posterior: LogPosterior | None, ndim: int
-) -> tuple[str, ...]:
-    """Return the posterior's names, or those that emcee was given."""
-    if posterior is not None and posterior.ndim == ndim:
-        return posterior.names
-    names = [f"theta{i + 1}" for i in range(ndim)]
-    if isinstance(sampler, emcee.EnsembleSampler) and sampler.params_are_named:
-        for name, places in sampler.parameter_names.items():
-            for k, i in enumerate(np.atleast_1d(places)):
-                names[i] = f"{name}[{k}]" if np.ndim(places) else name
-    return tuple(names)
+def _given_names(sampler: emcee.EnsembleSampler) -> tuple[str, ...]:
+    """Return the names that emcee was given, none without."""
+    names: dict[int, str] = {}
+    given = sampler.parameter_names if sampler.params_are_named else {}
+    for name, places in given.items():
+        for k, i in enumerate(np.atleast_1d(places).tolist()):
+            names[i] = f"{name}[{k}]" if np.ndim(places) else name
+    return tuple(names[i] for i in sorted(names))
 
 
 def _of_file(

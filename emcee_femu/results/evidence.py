@@ -8,7 +8,7 @@ from scipy import stats
 from ..contracts import Floats
 from ..sampling.anneal import Annealed, about_box
 from ..sampling.importance import bridge
-from ..sampling.judge import autocorrelation_time, check_length
+from ..sampling.judge import check_length, tau_by_ensemble
 from ..sampling.record import Chains
 from ..sampling.verdict import NOT_CONVERGED, judge_chains, measure
 from ..table import Parts, Report
@@ -241,9 +241,8 @@ def standard_error(series: Floats) -> tuple[float, tuple[str, ...]]:
     """
     steps, ensembles = series.shape
     variances = series.var(axis=0)
-    tau = np.ones(ensembles)
-    for i in np.flatnonzero(variances > 0):
-        tau[i] = max(autocorrelation_time(series[:, i, None, None])[0], 1.0)
+    moved = (variances > 0)[:, None]
+    tau = np.fmax(tau_by_ensemble(series[..., None, None], moved)[:, 0], 1.0)
     error = np.sqrt((variances * tau).sum() / steps) / ensembles
     if ensembles > 1:
         between = series.mean(axis=0).std(ddof=1) / np.sqrt(ensembles)

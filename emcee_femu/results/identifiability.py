@@ -19,7 +19,7 @@ from .arviz_objects import (
     prior_draws,
     samples,
 )
-from .sensitivities import by_mode, fit_sensitivities
+from .measured import Fit, by_mode, fit_sensitivities
 from .to_arviz import read_samples
 
 PRIOR_COMPARED = 4_000
@@ -218,11 +218,10 @@ class Identifiability(Report):
 
     def find_doubts(self) -> list[str]:
         """Name errors that are larger than expected, and rough sensitivities."""
-        shift = dict(zip(self.names, self.shift, strict=True))
         return [
-            f"{name} is inferred {shift[name]:.1f} prior standard "
-            "deviations above its prior mean: model and data disagree by more than was "
-            "expected. Look for what the model lacks, or widen this prior."
+            f"{name} is inferred {self.shift[self.names.index(name)]:.1f} prior "
+            "standard deviations above its prior mean: model and data disagree by more "
+            "than was expected. Look for what the model lacks, or widen this prior."
             for name in self.surprising
         ] + [
             f"The sensitivities of {self.modes[i]} are rough, for ln(lambda) is not a "
@@ -253,13 +252,12 @@ class Identifiability(Report):
     @property
     def sensitivity_table(self) -> Table:
         """One row per parameter, one column per mode, in percent; R^2 of fits."""
-        shown = [i for i, error in enumerate(self.is_error) if not error]
-        percent = 100 * self.sensitivities[:, shown]
-        labels = [self.names[i] for i in shown]
+        percent = 100 * self.sensitivities[:, ~self.is_error]
+        labels = np.array(self.names)[~self.is_error].tolist()
         if not self.local:  # then nothing was fitted
             labels, percent = [*labels, "R^2"], np.c_[percent, self.r_squared]
-        by_mode = zip(self.modes, percent, strict=True)
-        columns = [("parameter", "", labels), *((m, ".3g", row) for m, row in by_mode)]
+        rows = zip(self.modes, percent, strict=True)
+        columns = [("parameter", "", labels), *((m, ".3g", row) for m, row in rows)]
         title = "Sensitivity of the eigenvalues: % per prior standard deviation"
         return Table.from_columns(title, columns)
 
@@ -336,41 +334,31 @@ def identifiability(idata: object) -> Identifiability:
 def describe_samples(idata: InferenceData, fitted: bool = True) -> Identifiability:
     """Describe samples; without ``fitted``, no sensitivities are computed."""
     names, chains = samples(idata)
-    draws = chains.reshape(-1, len(names))
+    draws, d = chains.reshape(-1, len(names)), len(names)
     constants = dataset(idata, "constant_data")
     is_error = constants["is_error"].values.astype(bool)
-    d = len(names)
     needed = PER_COEFFICIENT * (d + 1) * (d + 2) // 2
     if fitted and (different := len(np.unique(draws, axis=0))) < needed:
         raise ValueError(
             f"idata: expected at least {needed} different samples for {d} "
             f"parameter(s), got {different}; run longer"
         )
-    prior_sd = constants["prior_sd"].values
-    bounds = constants[["lower", "upper"]].to_array().values.T
-    modes: tuple[str, ...] = ()
-    slopes, r_squared, effect = np.empty((0, d)), np.empty(0), np.full(d, np.nan)
-    before = prior_draws(idata, names)
+    known = (
+        tuple(names),
+        is_error,
+        constants["prior_mean"].values,
+        constants["prior_sd"].values,
+        constants[["lower", "upper"]].to_array().values.T,
+    )
+    fit: Fit = (), np.empty((0, d)), np.empty(0), np.full(d, np.nan)
+    if fitted:
+        fit = fit_sensitivities(idata, draws / known[3])
+    moments = draws.mean(axis=0), np.atleast_2d(np.cov(draws, rowvar=False))
     with np.errstate(divide="ignore", invalid="ignore"):  # of what may be negative
         logs = np.log(draws).mean(axis=0), np.log(draws).std(axis=0)
-    if fitted:
-        modes, slopes, r_squared, effect = fit_sensitivities(idata, draws / prior_sd)
-    return Identifiability(
-        names=tuple(names),
-        is_error=is_error,
-        prior_mean=constants["prior_mean"].values,
-        prior_sd=prior_sd,
-        bounds=bounds,
-        mean=draws.mean(axis=0),
-        covariance=np.atleast_2d(np.cov(draws, rowvar=False)),
-        at_bound=_shares_at_bounds(draws, bounds, prior_sd, np.ones(len(draws))),
-        modes=modes,
-        sensitivities=np.where(is_error, np.nan, slopes),
-        r_squared=r_squared,
-        effect=np.where(is_error, np.nan, effect),
-        logarithms=_compare_logarithms(before, is_error, *logs),
-        certificate=describe_certificate(idata).strip(" ()"),
-    )
+    weights, before = np.ones(len(draws)), prior_draws(idata, names)
+    said = describe_certificate(idata).strip(" ()")
+    return _describe(known, before, draws, weights, *moments, logs, fit, "", said)
 
 
 def _describe_maximum(maxima: FoundMap) -> Identifiability:
@@ -378,69 +366,77 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
     posterior, best = maxima.posterior, maxima.maxima[0]
     bounds = posterior.prior.bounds
     prior_mean, prior_sd = summarize_prior(posterior.prior)
+    is_error = np.isin(posterior.names, posterior.error_names)
     gaussian = *best.gaussian, *bounds.T
     mean, covariance = moments_inside(*gaussian)
     draws, log_weights = draw_inside(*gaussian)
-    is_error = np.isin(posterior.names, posterior.error_names)
     stencil = place(posterior.prior, best.theta[None], posterior.scale)
     stacked = posterior.stack(stencil.points, "deviations")
     rows, r, sd = (stacked[:, part] for part in posterior.split(stacked))
     modes, log_eigenvalues = by_mode(posterior.unfold(rows))
-    slopes = stencil.derive(log_eigenvalues)[0]
-    effect = np.linalg.norm(stencil.derive(r)[0] / sd[0][:, None], axis=0)
+    slopes = stencil.derive(log_eigenvalues)[0] * prior_sd
+    effect = np.linalg.norm(stencil.derive(r)[0] / sd[0][:, None], axis=0) * prior_sd
     with np.errstate(divide="ignore", invalid="ignore"):
+        # A Gaussian about a maximum says nothing of what is far from it.
         logs = np.log(mean), np.sqrt(np.diag(covariance)) / mean
     before = posterior.prior.sample(np.random.default_rng(0), PRIOR_COMPARED)
     which, k = "the maximum", len(maxima.maxima)
     if k > 1:
         which += f" of weight {maxima.weights[0]:.2f}, one of {k}"
-    return Identifiability(
-        names=posterior.names,
-        is_error=is_error,
-        prior_mean=prior_mean,
-        prior_sd=prior_sd,
-        bounds=bounds,
-        mean=mean,
-        covariance=covariance,
-        at_bound=_shares_at_bounds(draws, bounds, prior_sd, np.exp(log_weights)),
-        modes=modes,
-        sensitivities=np.where(is_error, np.nan, slopes * prior_sd),
-        r_squared=np.full(len(modes), np.nan),
-        effect=np.where(is_error, np.nan, effect * prior_sd),
-        # A Gaussian about a maximum says nothing of what is far from it.
-        logarithms=_compare_logarithms(before, is_error, *logs),
-        local=(
-            f"Local: of the Gaussian about {which}, not of samples. Where the "
-            "posterior is not Gaussian samples may say otherwise."
-        ),
+    said = (
+        f"Local: of the Gaussian about {which}, not of samples. Where the "
+        "posterior is not Gaussian samples may say otherwise."
     )
+    known = posterior.names, is_error, prior_mean, prior_sd, bounds
+    by_draws = before, draws, np.exp(log_weights), mean, covariance, logs
+    fit = modes, slopes, np.full(len(modes), np.nan), effect
+    return _describe(known, *by_draws, fit, said)
 
 
-def _compare_logarithms(
-    before: Floats, is_error: NDArray[np.bool_], mean: Floats, sd: Floats
-) -> Floats:
-    """Return moments of logarithms of draws of the prior, and the posterior's, (4, d).
+def _describe(
+    known: tuple[tuple[str, ...], NDArray[np.bool_], Floats, Floats, Floats],
+    before: Floats,
+    draws: Floats,
+    weights: Floats,
+    mean: Floats,
+    covariance: Floats,
+    logs: tuple[Floats, Floats],
+    fit: Fit,
+    local: str = "",
+    certificate: str = "",
+) -> Identifiability:
+    """Return what draws of prior and posterior say.
 
-    NaN where the prior itself is nearly as symmetrical, and for errors, which may well
-    be zero.
+    Logarithms count where the prior itself is not nearly as symmetrical, and never for
+    errors, which may well be zero.
+
+    Args:
+        known: The first five attributes of the result.
+        before: Draws of the prior.
+        draws: Those of the posterior, ``(n, d)``.
+        weights: Their weights.
+        mean: Of the posterior.
+        covariance: Likewise.
+        logs: Mean and standard deviation of the posterior's logarithm.
+        fit: Modes, sensitivities, R^2 and effects, by prior standard deviations.
+        local: As in the result.
+        certificate: Likewise.
     """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        logs = np.log(before)
-        skews = [np.abs(skew(draws, axis=0)) for draws in (logs, before)]
-        apt = skews[0] + CLEAR < skews[1]  # never for NaN
-        moments = np.stack([logs.mean(axis=0), logs.std(axis=0), mean, sd])
-    return np.where(apt & ~is_error, moments, np.nan)
-
-
-def _shares_at_bounds(
-    draws: Floats, bounds: Floats, prior_sd: Floats, weights: Floats
-) -> Floats:
-    """Return the shares of the samples near the bounds, ``(d, 2)``."""
+    _, is_error, _, prior_sd, bounds = known
     low, high = bounds.T
     width = np.where(np.isfinite(high - low), high - low, 4 * prior_sd)
     near = [draws <= low + NEAR_BOUND * width, draws >= high - NEAR_BOUND * width]
-    shares = [np.average(share, axis=0, weights=weights) for share in near]
-    return np.stack(shares, axis=1)
+    at_bound = np.average(np.stack(near, axis=2), axis=0, weights=weights)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logged = np.log(before)
+        skews = [np.abs(skew(values, axis=0)) for values in (logged, before)]
+        apt = skews[0] + CLEAR < skews[1]  # never for NaN
+        moments = np.stack([logged.mean(axis=0), logged.std(axis=0), *logs])
+    modes, slopes, r_squared, effect = fit
+    slopes, effect = (np.where(is_error, np.nan, x) for x in (slopes, effect))
+    moments = np.where(apt & ~is_error, moments, np.nan)
+    numbers = *known, mean, covariance, at_bound, modes, slopes, r_squared, effect
+    return Identifiability(*numbers, moments, local, certificate)
 
 
 def _add(text: str, factor: float, name: str, spec: str = ".3g") -> str:

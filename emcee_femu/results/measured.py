@@ -1,25 +1,31 @@
 """Measured variables, and the predictions of an ArviZ object at the same places.
 
-Also the mode shapes of a model at one parameter set, paired with the measured ones.
+How they change with the parameters, by fits to samples; and the mode shapes of a model
+at one parameter set, paired with the measured ones.
 """
 
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..contracts import Floats, Variable, read, read_declared
 from ..likelihoods.term import Term
-from ..models.paired import PairedModel
 from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
+from ..sampling.judge import spread_out
 from .arviz_objects import Dataset, InferenceData, dataset, groups, original_name
 
+FLAT = 1e-9  # sd of ln(lambda) of a mode that no parameter changes, but rounding
+ENOUGH_REGRESSED = 10_000  # samples in a fit; 3,000 gave the same gradients as 72,000
 ROUNDING = 1e-9  # by which the MAC of a shape with itself may be off
 GROUPS = ("observed_data", "response", "constant_data", "new_measurement")
+
+# Modes, gradients of ln(lambda) ``(m, d)``, R^2 of their fits, effects ``(d,)``.
+Fit: TypeAlias = tuple[tuple[str, ...], Floats, Floats, Floats]
 
 ONE_NUMBER = Variable({})
 
@@ -107,7 +113,7 @@ def measured_frequencies(
 def read_measured(idata: InferenceData) -> list[Measured]:
     """Return every measured variable that the response holds; there may be none."""
     there = groups(idata)
-    held: dict[str, Mapping[str, Any]] = {
+    held: dict[str, Dataset] = {
         group: dataset(idata, group).data_vars if group in there else {}
         for group in GROUPS
     }
@@ -118,7 +124,7 @@ def read_measured(idata: InferenceData) -> list[Measured]:
     ]
 
 
-def _read(held: Mapping[str, Mapping[str, Any]], name: str, variable: str) -> Measured:
+def _read(held: Mapping[str, Dataset], name: str, variable: str) -> Measured:
     dims = list(map(str, held["response"][variable].dims))
 
     def align(values: Dataset) -> Dataset:
@@ -171,9 +177,15 @@ def each_term(posterior: LogPosterior) -> Iterator[tuple[Experiment, Term, str]]
 
 
 def gather_by_terms(
-    posterior: LogPosterior, draws: Floats, rows: Floats
+    posterior: LogPosterior, draws: Floats, rows: Floats, only: str | None = None
 ) -> dict[str, dict[str, Labelled]]:
-    """Return the log-likelihood of each datum, and new measurements, by term."""
+    """Return the log-likelihood of each datum, and new measurements, by term.
+
+    Of ``only`` one term, both have the name of the variable that it measured.
+
+    Raises:
+        ValueError: If there is no such term, or its data are not independent.
+    """
     lead = draws.shape[:-1]
     parameters = posterior.parameters(draws.reshape(-1, posterior.ndim))
     response = posterior.unfold(rows.reshape(-1, rows.shape[-1]))
@@ -183,6 +195,8 @@ def gather_by_terms(
     predictive: dict[str, Labelled] = {}
     for column, (experiment, term, name) in enumerate(each_term(posterior), 2):
         label = experiment.full_name(name)
+        if only not in (None, label):
+            continue
         stored = {v: response[experiment.full_name(v)] for v in experiment.variables}
         likelihood[label] = Labelled(rows[..., column], ONE_NUMBER)
         for variable, values in term.pointwise(parameters, stored).items():
@@ -190,6 +204,14 @@ def gather_by_terms(
         for variable, values in term.replicate(rng, parameters, stored).items():
             key = names[label, variable]
             predictive[key] = _label(experiment, term, variable, values, *lead)
+    if only is not None:
+        both = [*likelihood.values(), *predictive.values()]
+        if len(both) != 2 or both[0].values.shape != both[1].values.shape:
+            raise ValueError(
+                f"term: expected one of {list(posterior.term_names)} whose data are "
+                f"independent, got {only!r}"
+            )
+        likelihood = dict.fromkeys(predictive, both[0])
     if len(likelihood) > 1:  # ArviZ takes one variable
         likelihood = {"data": _side_by_side(likelihood, len(lead))}
     return {"log_likelihood": likelihood, "new_measurement": predictive}
@@ -246,6 +268,77 @@ def _label(
         coords[experiment.full_name(dim)] = list(labels)[:size]
     unit = variable.unit or (returned.unit if returned else "")
     return Labelled(values.reshape(*lead, *shape), Variable(coords, unit))
+
+
+def fit_sensitivities(idata: InferenceData, draws: Floats) -> Fit:
+    """Return modes, gradients of ln(lambda), R^2 of their fits, and effects.
+
+    Args:
+        idata: Samples with their response.
+        draws: The same samples in prior standard deviations, ``(n, d)``.
+
+    Returns:
+        Names ``(m,)``, gradients ``(m, d)``, R^2 ``(m,)``; and by how many standard
+        errors one prior standard deviation moves all that was measured, ``(d,)``, by
+        the curvature of the log-likelihood, NaN where that is not known.
+    """
+    n = len(draws)
+    by_variable = {
+        str(name): v.transpose("chain", "draw", ...).values.reshape(n, -1)
+        for name, v in dataset(idata, "response").data_vars.items()
+    }
+    modes, log_eigenvalues = by_mode(by_variable or {"none": np.empty((n, 0))})
+    log_likelihood = np.full(n, np.nan)
+    if "sample_stats" in idata and "log_prior" in dataset(idata, "sample_stats"):
+        known = dataset(idata, "sample_stats").transpose("chain", "draw")
+        log_likelihood = (known["lp"] - known["log_prior"]).values.ravel()
+    few = spread_out(n, ENOUGH_REGRESSED)
+    values = np.column_stack([log_eigenvalues, log_likelihood])[few]
+    slopes, r_squared, curvature = _fit_quadratic(draws[few], values)
+    effect = np.sqrt(np.maximum(-curvature[-1], 0.0))
+    return modes, slopes[:-1], r_squared[:-1], effect
+
+
+def by_mode(response: Mapping[str, Floats]) -> tuple[tuple[str, ...], Floats]:
+    """Return the modes of all experiments, in words, and ln of eigenvalues ``(n, m)``.
+
+    Rigid-body modes have none: not finite.
+    """
+    labels: list[str] = []
+    columns = [np.empty((len(values), 0)) for values in response.values()][:1]
+    for name, values in response.items():
+        experiment, _, variable = name.rpartition(".")
+        if variable == "frequency":
+            columns.append(values)
+            numbers = range(1, values.shape[1] + 1)
+            labels += [f"{experiment} mode {i}".strip() for i in numbers]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return tuple(labels), 2 * np.log(np.concatenate(columns, axis=1))
+
+
+def _fit_quadratic(draws: Floats, values: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return gradients ``(m, d)`` at the mean of the draws, R^2 and second derivatives.
+
+    The latter are those along each parameter, ``(m, d)``.
+    """
+    n, d = draws.shape
+    # Whitened, because the squares of correlated draws are nearly collinear.
+    U, S, Vt = np.linalg.svd(draws - draws.mean(axis=0), full_matrices=False)
+    white, turn = np.sqrt(n) * U, np.sqrt(n) * Vt / S[:, None]
+    i, j = np.triu_indices(d)
+    design = np.column_stack([white, white[:, i] * white[:, j], np.ones(n)])
+    with np.errstate(invalid="ignore"):  # of what is not finite comes NaN
+        y = values - values.mean(axis=0)
+        coefficients = np.linalg.pinv(design) @ y
+        rest = y - design @ coefficients
+        variance = (rest**2).sum(axis=0) / (n - design.shape[1])
+        total = y.var(axis=0, ddof=1)
+    still = total <= FLAT**2
+    slopes = coefficients[:d].T @ turn
+    curvature = 2 * coefficients[d:-1].T @ (turn[i] * turn[j])
+    r_squared = 1 - variance / np.maximum(total, FLAT**2)
+    slopes = np.where(still[:, None], 0.0, slopes)
+    return slopes, np.where(still, np.nan, r_squared), curvature
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,7 +400,7 @@ def solve_shapes(
     Raises:
         ValueError: If the model returns no shapes.
     """
-    paired = experiment.model if isinstance(experiment.model, PairedModel) else None
+    paired = experiment.paired
     model = experiment.model if paired is None else paired.model
     response = model(posterior.parameters(theta[None]))
     try:

@@ -24,6 +24,7 @@ INTERVAL = (0.025, 0.975)
 OF_PRIOR = "prior mean", "error %", "sd/prior sd"  # columns
 # Of a Gaussian 8 % of the samples lie within a tenth of an sd of the mean.
 NEAR_MEAN, FEW_NEAR = 0.1, 0.01
+OF_TRUTH = "true", "error %", "error % "
 LOW_MAC = 0.5  # the default of PairedModel, below which a pair does not mean much
 
 
@@ -90,29 +91,23 @@ def parameter_table(
     prior_sd = prior["prior_sd"].values
     if before is not None:
         start, initial = "before", checks.numbers_by_name("before", before, names)
-    reference: list[list[Column]] = [[], [], []]
-    if true is not None:
-        truth = checks.numbers_by_name("true", true, names)
-        reference = [
-            [("true", ".5g", truth)],
-            [("error %", ".2f", _percent_off(initial, truth))],
-            [("error % ", ".2f", _percent_off(mean, truth))],
-        ]
-    truths, errors_before, errors = reference
+    truth = checks.numbers_by_name("true", {} if true is None else true, names)
     columns: list[Column] = [
         ("parameter", "", names),
         *unit_column(units),
-        *truths,
+        ("true", ".5g", truth),
         (start, ".5g", initial),
-        *errors_before,
+        ("error %", ".2f", _percent_off(initial, truth)),
         ("mean", ".5g", mean),
-        *errors,
+        ("error % ", ".2f", _percent_off(mean, truth)),
         ("2.5 %", ".5g", low),
         ("97.5 %", ".5g", high),
         ("c.o.v. %", ".2f", 100 * sd / np.abs(mean)),
         ("sd/prior sd", ".2f", sd / prior_sd),
     ]
-    unknown = OF_PRIOR if np.isnan(prior_sd).all() else ()
+    unknown = {*OF_TRUTH} if true is None else set[str]()
+    if np.isnan(prior_sd).all():
+        unknown |= {*OF_PRIOR}
     columns = [c for c in columns if c[0] not in unknown]
     for title, values in _columns(published):
         column = checks.numbers_by_name(f"published[{title!r}]", values, names)
@@ -256,8 +251,8 @@ def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Ta
     what = "a new measurement, with its error and the discrepancy"
     if posterior is None:
         what = "the model alone"
-    drawn: list[Any] = [p.replicated if posterior else p.predicted for p in parts]
-    draws = np.concatenate(drawn, axis=1)
+    new = [p.predicted if posterior is None else p.replicated for p in parts]
+    draws = np.concatenate([each for each in new if each is not None], axis=1)
     measured = np.concatenate([part.values for part in parts])
     mean, low, high = summarize(draws)
     title, labels, unit = _name_rows(parts)

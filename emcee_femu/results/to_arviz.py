@@ -19,14 +19,9 @@ from .. import checks
 from ..contracts import Floats, Places, Variable
 from ..posterior.compatibility import RESERVED
 from ..posterior.log_posterior import LogPosterior
-from ..posterior.priors import (
-    GaussianPrior,
-    IndependentPrior,
-    prior_centre,
-    summarize_prior,
-)
+from ..posterior.priors import KnownPrior, prior_centre, summarize_prior
 from ..sampling.record import Chains
-from .arviz_objects import Dataset, InferenceData, is_arviz, samples, wrap
+from .arviz_objects import Dataset, InferenceData, groups, is_arviz, samples, wrap
 from .chains import STORED, TOLD, read_chains
 from .measured import ONE_NUMBER, Labelled, gather_by_terms, gather_observed
 
@@ -40,6 +35,8 @@ def to_inference_data(
     discard: int = 0,
     thin: int = 1,
     names: Sequence[str] | None = None,
+    term: str | None = None,
+    prior_predictive: int = 0,
 ) -> InferenceData:
     """Convert a run to an ArviZ object, with every walker as a chain.
 
@@ -63,6 +60,8 @@ def to_inference_data(
                                  a term can draw one
     ``posterior_predictive``     500 draws of these, for ``arviz.plot_ppc``
     ``prior``                    1,000 draws of the prior
+    ``prior_predictive``         a new measurement for each of the first of these, as
+                                 many as ``prior_predictive=`` says
     ``observed_data``            the measurements, by the name of the variable; a
                                  second measurement as ``frequency[term]``
     ``constant_data``            lower and upper bounds; prior_mean and prior_sd inside
@@ -85,21 +84,33 @@ def to_inference_data(
     Args:
         source: The result of :func:`run`, any EnsembleSampler, a backend, or the name
             of a run's file; or the result of :func:`anneal`, whose members become one
-            chain. An ArviZ object is returned unchanged.
+            chain. An ArviZ object is returned unchanged. Of a LogPosterior, which has
+            no samples yet, what is known before is converted: the groups ``prior``,
+            ``prior_predictive``, ``observed_data`` and ``constant_data``.
         posterior: The sampled posterior, if the source does not hold it.
         discard: Number of stored steps to drop as burn-in.
         thin: Keep every ``thin``-th stored step.
         names: Parameter names for a sampler without a LogPosterior; ``theta1`` and so
             on by default.
+        term: Label of a term whose data are independent, of a run or its file, to
+            convert what was measured for this term alone, as ``arviz.plot_loo_pit``
+            and ``arviz.loo_pit`` need it: ``log_likelihood`` and
+            ``posterior_predictive`` have the name of the measured variable, and all
+            draws of the chains.
+        prior_predictive: Number of draws of the prior, at most 1,000, at which to
+            predict new measurements for a prior predictive check: as many solves, in
+            this process.
 
     Returns:
         ``arviz.InferenceData`` (ArviZ < 1) or ``xarray.DataTree`` (ArviZ >= 1).
 
     Raises:
-        TypeError: If discard or thin is not a whole number, posterior is not a
-            LogPosterior, or names are not text.
-        ValueError: If no step is left, a chain does not belong to this posterior, or
-            names are not needed or do not match the number of parameters.
+        TypeError: If a number is not whole, posterior is not a LogPosterior or is
+            missing where ``term`` or ``prior_predictive`` needs it, or names are not
+            text.
+        ValueError: If no step is left, a chain does not belong to this posterior, names
+            are not needed or do not match the number of parameters, or the term's data
+            are not independent.
 
     Examples:
         >>> import emcee_femu as ef
@@ -108,17 +119,32 @@ def to_inference_data(
         >>> idata = ef.to_inference_data(run, discard=50)
         >>> dict(idata["posterior"]["k1"].sizes)
         {'chain': 20, 'draw': 50}
+        >>> before = ef.to_inference_data(posterior, prior_predictive=100)
+        >>> dict(before["prior_predictive"]["frequency"].sizes)
+        {'chain': 1, 'draw': 100, 'mode': 5}
     """
-    if names is None:
-        return read_samples(source, posterior, discard, thin, "source")[0]
-    chains = read_chains(source, posterior, discard, thin, blobs=True)
-    names = checks.parameter_names("names", names)
-    if is_arviz(source) or chains.posterior is not None:
-        raise ValueError(f"names: there are {list(chains.names)} already; leave it out")
-    if len(names) != len(chains.names):
-        count = len(chains.names)
-        raise ValueError(f"names: expected one for each of {count} parameters")
-    return convert(replace(chains, names=names), discard, thin)
+    count = checks.whole_number("prior_predictive", prior_predictive)
+    if isinstance(source, LogPosterior):
+        idata, posterior = wrap(_fixed_groups(source, {}, source.initial)), source
+    elif names is None:
+        idata, posterior = read_samples(
+            source, posterior, discard, thin, "source", term
+        )
+    else:
+        chains = read_chains(source, posterior, discard, thin, blobs=True)
+        names = checks.parameter_names("names", names)
+        if is_arviz(source) or chains.posterior is not None:
+            raise ValueError(f"names: {list(chains.names)} are known; leave it out")
+        if len(names) != (d := len(chains.names)):
+            raise ValueError(f"names: expected one for each of {d} parameters")
+        idata = convert(replace(chains, names=names), discard, thin, term)
+    if not count:
+        return idata
+    posterior = checks.instance("posterior", posterior, LogPosterior)
+    theta = posterior.prior.sample(np.random.default_rng(0), PRIOR_STORED)[:count]
+    rows = posterior(theta)[:, None, None]
+    new = gather_by_terms(posterior, theta[:, None, None], rows)["new_measurement"]
+    return wrap(groups(idata) | {"prior_predictive": _dataset(new, {}, {})})
 
 
 def read_samples(
@@ -127,6 +153,7 @@ def read_samples(
     discard: int = 0,
     thin: int = 1,
     argument: str = "idata",
+    term: str | None = None,
 ) -> tuple[InferenceData, LogPosterior | None]:
     """Return the ArviZ object of any source of samples, and its posterior if known.
 
@@ -136,11 +163,12 @@ def read_samples(
         chains = read_chains(
             source, posterior, discard, thin, blobs=True, argument=argument
         )
-        return convert(chains, discard, thin), chains.posterior
-    if (discard, thin) != (0, 1):
+        return convert(chains, discard, thin, term), chains.posterior
+    if (discard, thin, term) != (0, 1, None):
         raise ValueError(
-            "discard, thin: expected 0 and 1 for an ArviZ object, got "
-            f"{discard} and {thin}; select its draws by isel(draw=...)"
+            "discard, thin, term: expected 0, 1 and None for an ArviZ object, got "
+            f"{discard}, {thin} and {term!r}; select its draws by isel(draw=...), and "
+            "a term when you convert the run"
         )
     if posterior is not None:
         check_sampled(posterior, samples(source)[0])
@@ -157,11 +185,15 @@ def check_sampled(posterior: LogPosterior, names: Sequence[str]) -> None:
         )
 
 
-def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
-    """Return the ArviZ object of chains."""
+def convert(
+    chains: Chains, discard: int = 0, thin: int = 1, term: str | None = None
+) -> InferenceData:
+    """Return the ArviZ object of chains, or of what was measured for one term."""
     draws, posterior = chains.draws, chains.posterior
+    if term is not None:
+        checks.instance("posterior", posterior, LogPosterior)
     units = posterior.units if posterior else {}
-    groups: dict[str, dict[str, Labelled]] = {
+    parts: dict[str, dict[str, Labelled]] = {
         "posterior": _by_parameter(chains.names, draws, units),
         "sample_stats": {"lp": Labelled(chains.log_prob, ONE_NUMBER)},
     }
@@ -176,30 +208,31 @@ def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
     fixed: dict[str, Dataset] = {}
     if posterior is not None:
         rows = _rows(chains, posterior)
-        groups["sample_stats"]["log_prior"] = Labelled(rows[..., 1], ONE_NUMBER)
-        if isinstance(posterior.prior, GaussianPrior | IndependentPrior):
+        parts["sample_stats"]["log_prior"] = Labelled(rows[..., 1], ONE_NUMBER)
+        if isinstance(posterior.prior, KnownPrior):
             densities = posterior.prior.logpdfs(draws.reshape(-1, posterior.ndim))
             densities = densities.reshape(draws.shape)
-            groups["log_prior"] = _by_parameter(chains.names, densities, {})
-        groups["response"] = {
+            parts["log_prior"] = _by_parameter(chains.names, densities, {})
+        parts["response"] = {
             name: Labelled(value, posterior.variables[name])
             for name, value in posterior.unfold(rows).items()
         }
-        groups |= gather_by_terms(posterior, draws, rows)
+        parts |= gather_by_terms(posterior, draws, rows, term)
         initial = posterior.initial if chains.initial is None else chains.initial
         fixed = _fixed_groups(posterior, attributes, initial)
     elif chains.blobs is not None:
-        groups["blobs"] = _name_blobs(chains.blobs)
+        parts["blobs"] = _name_blobs(chains.blobs)
     steps, ensembles, walkers, _ = draws.shape
     coords = {
         "step": ("draw", discard + thin * (1 + np.arange(steps)) - 1),
         "ensemble": ("chain", np.repeat(np.arange(ensembles), walkers)),
         "walker": ("chain", np.tile(np.arange(walkers), ensembles)),
     }
-    there = {name: group for name, group in groups.items() if group}
-    datasets = {name: _dataset(g, attributes, coords) for name, g in there.items()}
+    there = [(name, part) for name, part in parts.items() if part]
+    datasets = {name: _dataset(part, attributes, coords) for name, part in there}
     if "new_measurement" in datasets:
-        datasets["posterior_predictive"] = pick_some(datasets["new_measurement"])
+        new = datasets["new_measurement"]  # all, where ArviZ weighs every draw
+        datasets["posterior_predictive"] = pick_some(new) if term is None else new
     datasets["posterior"].attrs |= _attributes_of(chains)
     return wrap(datasets | fixed)
 
@@ -216,8 +249,7 @@ def pick_some(measurements: Dataset, weights: Floats | None = None) -> Dataset:
     draw, chain = (xarray.DataArray(v, dims="pick") for v in divmod(picked, chains))
     some = measurements.drop_vars(["chain", "draw", "step", "ensemble", "walker"])
     some = some.isel(draw=draw, chain=chain).rename(pick="draw")
-    places = {"chain": [0], "draw": np.arange(size)}
-    return some.expand_dims("chain").assign_coords(places)
+    return some.expand_dims("chain").assign_coords(chain=[0], draw=np.arange(size))
 
 
 def _dataset(
@@ -234,14 +266,14 @@ def _dataset(
 
     apart = name_apart({name: part.variable.coords for name, part in group.items()})
     variables = {}
-    places: dict[str, Any] = {k: v for dims in apart.values() for k, v in dims.items()}
+    places = {k: v for dims in apart.values() for k, v in dims.items()}
     for name, (values, variable) in group.items():
         dims = [*apart[name]]
         if coords is not None:
             n, _, _, *shape = values.shape
             values = np.moveaxis(values, 0, 2).reshape(-1, n, *shape)
             dims = ["chain", "draw", *dims]
-            places = {"chain": range(len(values)), "draw": range(n)} | places
+            places |= {"chain": range(len(values)), "draw": range(n)}
         variables[name] = dims, values, {"units": variable.unit}
     sampled = {} if coords is None else {"sample_dims": ["chain", "draw"]}
     return xarray.Dataset(
@@ -300,7 +332,7 @@ def _rows(chains: Chains, posterior: LogPosterior) -> Floats:
     return np.concatenate([chains.log_prob[..., None], blobs], axis=-1)
 
 
-def _attributes_of(chains: Chains) -> dict[str, Any]:
+def _attributes_of(chains: Chains) -> dict[str, object]:
     """Return facts about the chains as attributes that netCDF can store."""
     search = None if chains.search is None else chains.search.to_json()
     if search is not None and search["surface"] is not None:
@@ -334,13 +366,13 @@ def _fixed_groups(
     }
     draws = prior.sample(np.random.default_rng(0), PRIOR_STORED)[:, None, None]
     drawn = _by_parameter(posterior.names, draws, posterior.units)
-    groups = {
+    fixed = {
         "prior": _dataset(drawn, attributes, {}),
         "constant_data": _dataset(constants, attributes),
     }
     if observed := gather_observed(posterior):
-        groups["observed_data"] = _dataset(observed, attributes)
-    return groups
+        fixed["observed_data"] = _dataset(observed, attributes)
+    return fixed
 
 
 def name_apart(

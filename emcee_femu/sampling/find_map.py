@@ -10,7 +10,7 @@ from scipy import special
 
 from .. import checks
 from ..contracts import Floats
-from ..evaluation.evaluator import Evaluation
+from ..evaluation.resume import open_evaluator
 from ..moves.mixture import GAUSSIAN, Mixture
 from ..posterior.derivatives import DIGITS, is_printed
 from ..posterior.log_posterior import LogPosterior
@@ -246,9 +246,8 @@ def find_map(
         raise ValueError(
             f"check: expected 0 or at least {FEWEST_CHECKED} draws, got {check}"
         )
-    with Evaluation.open(
-        posterior, workers, pool, on_failure, max_failures
-    ) as evaluation:
+    how = workers, pool, on_failure, max_failures
+    with open_evaluator(posterior, {}, *how) as evaluation:
         check_first_solve(evaluation)
         ends = climb(evaluation, points)
         # A climb that stopped on its way tells only if it is above all that arrived.

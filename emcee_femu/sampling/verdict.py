@@ -128,9 +128,9 @@ class Diagnosis(Report):
         search: "searched" or "not searched"; the maxima found, and how small a mode
             may have been missed.
         fit: Whether the measurements lie inside the posterior predictive: "fits",
-            "doubtful" (they do, but parameters are far from their prior, or there were
-            warnings about the model or the prior), "at a bound", "does not fit" or "not
-            checked".
+            "doubtful" (they do, but parameters are far from their prior, modes of the
+            structure have changed places, or there were warnings about the model or
+            the prior), "at a bound", "does not fit" or "not checked".
         plain: Whether the samplers are emcee's own, without a LogPosterior.
         stopped: Why the run ended: "converged", "solves" or "steps"; empty if unknown.
     """

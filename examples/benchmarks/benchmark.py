@@ -4,26 +4,23 @@ fe5   five spring stiffnesses from five frequencies: bounded, correlated to 0.98
 g20   a Gaussian in 20 dimensions, correlation 0.95, scales from 0.1 to 10
 bim5  two Gaussians in 5 dimensions, ten standard deviations apart, weights 0.3 and 0.7
 
-Every sampler gets the same vectorised log-density, the same over-dispersed starts and
-the same number of walkers. The effective sample size is the bulk ESS of the worst
-parameter. "/1000" counts what comes after the burn-in; "end to end" counts all
-evaluations, including burn-in and the search of "auto". Another sampler takes part if
-it is installed: ``pip install dime-sampler``.
+``compare_moves`` gives every move the same over-dispersed starts of four ensembles, and
+compares it with the exact moments. dime-sampler takes part if it is installed:
+``pip install dime-sampler``.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/benchmark.py
 """
 
-import argparse
 import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import emcee
 import numpy as np
-from hard_posteriors import FreeModel
+from commands import command
 
 import emcee_femu as ef
+from emcee_femu.extensions.comparison.compare import Comparison
 from emcee_femu.moves.mixture import Mixture
 
 Floats = np.ndarray
@@ -47,11 +44,11 @@ def free_target(
     names = [f"x{i}" for i in range(len(spread))]
     prior = ef.GaussianPrior(names, np.zeros(len(spread)), spread)
 
-    def density(parameters: Any, modes: Any) -> Floats:
-        theta = np.stack([parameters[key] for key in names], axis=1)
-        return log_density(theta) - prior.logpdf(theta)  # so that the prior cancels
+    def density(x: Floats) -> Floats:
+        return log_density(x) - prior.logpdf(x)  # so that the prior cancels
 
-    return Target(name, ef.LogPosterior(FreeModel(), density, prior), mean, sd)
+    posterior = ef.LogPosterior.from_function(density, prior, vectorize=True)
+    return Target(name, posterior, mean, sd)
 
 
 def fe5() -> Target:
@@ -109,84 +106,38 @@ def bim5() -> Target:
     return free_target("bim5", log_density, np.full(5, 4.0), mean, sd)
 
 
-Result = tuple[
-    emcee.EnsembleSampler, int, int, int
-]  # burn-in, then evaluations kept, all
-
-
-def with_emcee(move: Any, target: Target, start: Floats, steps: int) -> Result:
-    """Run any emcee move with plain emcee; the first quarter is burn-in."""
-    nwalkers, d = start.shape
-    sampler = emcee.EnsembleSampler(
-        nwalkers, d, lambda x: target.posterior(x)[:, 0], moves=move, vectorize=True
-    )
-    burn_in = steps // 4
-    sampler.run_mcmc(sampler.run_mcmc(start, burn_in), steps - burn_in)
-    return sampler, burn_in, nwalkers * (steps - burn_in), nwalkers * (1 + steps)
-
-
-def automatic(target: Target, start: Floats, steps: int, seed: int) -> Result:
-    """Run "auto"; its search is extra and counts end to end."""
-    kept, options = steps - steps // 4, {"ensembles": 1, "seed": seed, "starts": start}
-    run = ef.run(target.posterior, "auto", len(start), kept, **options)
-    return run[0], 0, len(start) * kept, run.evaluations + len(start) * kept
-
-
-MOVES: dict[str, Callable[[], Any]] = {  # "auto" is no move
-    "DEMCMove (ours)": ef.DEMCMove,
-    "emcee DEMove": emcee.moves.DEMove,
-    "emcee StretchMove": emcee.moves.StretchMove,
+MOVES = {
+    "auto": "auto",
+    "DEMCMove": ef.DEMCMove(),
+    "emcee DEMove": emcee.moves.DEMove(),
+    "emcee StretchMove": emcee.moves.StretchMove(),
 }
 if importlib.util.find_spec("dime_sampler"):
     from dime_sampler import DIMEMove
 
-    MOVES["dime-sampler"] = DIMEMove
-
-
-def measured(result: Result, target: Target) -> tuple[float, ...]:
-    """Return ESS /1000, end to end /1000, errors, and share x1 < 0."""
-    sampler, burn_in, kept, every = result
-    ess = 1000 * ef.diagnose(sampler, discard=burn_in).ess_bulk.min()
-    draws = sampler.get_chain(discard=burn_in, flat=True)
-    off = np.abs((draws.mean(axis=0) - target.mean) / target.sd).max()
-    spread = 100 * np.abs(draws.std(axis=0) / target.sd - 1).max()
-    return ess / kept, ess / every, off, spread, (draws[:, 0] < 0).mean()
+    MOVES["dime-sampler"] = DIMEMove()
 
 
 def main(
-    steps: int = 8_000, repeats: int = 3, only: str = ""
-) -> dict[tuple[str, str], Floats]:
-    """Print a table a target; return the medians over the repeats."""
-    medians = {}
-    for make, nwalkers in ((fe5, 32), (g20, 64), (bim5, 32)):
-        if only and make.__name__ != only:
-            continue
-        target, runs = make(), {name: [] for name in ("auto (ours)", *MOVES)}
-        for seed in range(repeats):
-            start = target.posterior.start(nwalkers, seed)
-            for name, rows in runs.items():
-                np.random.seed(seed)  # noqa: NPY002 - emcee and the peer use it
-                if name in MOVES:
-                    result = with_emcee(MOVES[name](), target, start.copy(), steps)
-                else:
-                    result = automatic(target, start.copy(), steps, seed)
-                rows.append(measured(result, target))
-        print(
-            f"\n{target.name}, {nwalkers} walkers, {steps} generations, medians of "
-            f"{repeats} paired runs\n{'sampler':<18} ESS /1000  end to end "
-            " mean error (sd)  sd error %  share x1 < 0"
-        )
-        for name, rows in runs.items():
-            row = medians[target.name, name] = np.median(rows, axis=0)
-            print(
-                "{:<18} {:9.1f} {:11.1f} {:16.3f} {:11.1f} {:13.3f}".format(name, *row)
+    steps: int = 2_000, targets: tuple[str, ...] = ("fe5", "g20", "bim5"), seed: int = 1
+) -> dict[str, Comparison]:
+    """Print a table a target, and the share of the draws with x1 < 0; return them."""
+    walkers = {fe5: 32, g20: 64, bim5: 32}
+    compared = {}
+    for make, nwalkers in walkers.items():
+        if make.__name__ in targets:
+            target = make()
+            exact = zip(target.mean, target.sd, strict=True)
+            reference = dict(zip(target.posterior.names, exact, strict=True))
+            found = compared[target.name] = ef.compare_moves(
+                target.posterior, MOVES, nwalkers, steps, seed=seed, reference=reference
             )
-    return medians
+            print(f"{target.name}, {nwalkers} walkers, {steps} steps", found, sep="\n")
+            for label, idata in found.idata.items():
+                first = idata["posterior"][target.posterior.names[0]].values
+                print(f"{label}: share of {(first < 0).mean():.3f} below zero")
+    return compared
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=8_000)
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--only", default="", help="fe5, g20 or bim5")
-    main(**vars(parser.parse_args()))
+    command(main)

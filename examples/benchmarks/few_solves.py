@@ -1,8 +1,7 @@
 """How many solves ``emulate`` needs for a posterior, and how accurate it then is.
 
-Every model is wrapped in a :class:`BlackBox`, as if an FE program were behind it: it
-gives a response, with derivatives or without, and counts its solves itself. The
-problems are
+Every model stands for an FE program: it gives a response, with derivatives or without.
+The problems are
 
     beck_au      2 parameters, 2 frequencies; two modes
     mass_spring  5 parameters, 5 frequencies of the paper's springs; a lobe at small k4
@@ -13,26 +12,18 @@ problems are
     tower        16 stiffnesses of 8 storeys in two directions, whose modes come in
                  close pairs; 4 frequencies and 32 shape ordinates, paired
 
-Each seed begins with nothing but the prior and the data. ``emulate`` gets as many
-solves as the bar allows, and "auto" samples the emulated posterior. A mixture is
-fitted to its chain and to one of the true posterior, since a chain may have missed
-parts of it. Means and standard deviations of both posteriors are those of the same
-weighted draws of that mixture, so that chance hardly affects their difference. The
-bar: means within .05 standard deviations, standard deviations within 5 %, and the
-weight of Beck and Au's two modes within .02. For the tower it is an effective share
-of .75.
-
-Then ``certify``, with its own solves, gives the effective share of full solves at
-independent draws, and Pareto k. Overhead is the process time of emulator, sampling
-and certificate without the solves.
+``emulate`` gets as many solves as the bar allows, and "auto" samples the emulated
+posterior. Both posteriors are compared by the same weighted draws of a mixture fitted
+to their chains, so that chance hardly affects the difference. The bar: means within .05
+standard deviations, standard deviations within 5 %, and the weight of Beck and Au's
+two modes within .02; for the tower an effective share of .75. ``certify`` has solves of
+its own. Seconds are process time.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/few_solves.py --seeds 10
 
-With ``--workers 16`` a round has 16 points; a third more solves are allowed, in at most
-six rounds.
+With ``--workers 16`` a round has 16 points: a third more solves, in at most six rounds.
 """
 
-import argparse
 import functools
 import time
 import warnings
@@ -44,12 +35,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from buildings import draw, measure, shear_building, terms_of
+from commands import command, tabulate
 from evidence import beck_au as beck_au_exactly
 
 import emcee_femu as ef
 from emcee_femu.moves.mixture import Mixture
 from emcee_femu.sampling.record import Run
-from emcee_femu.table import Table
 
 Floats = np.ndarray
 FIRST_SEED = 100  # of the published table; others served to develop
@@ -66,35 +57,23 @@ COLUMNS = {
     "efficiency": ".3f", "least": ".3f", "worst k": ".2f", "certified": "d",
     "seconds": ".0f",
 }  # fmt: skip
-KINDS = {False: "values only", True: "with derivatives"}
 
 
-class BlackBox:
-    """A model that counts solves and seconds, and gives derivatives if it is to."""
+class ValuesOnly:
+    """A model without its derivatives."""
 
     def __init__(self, model: Any) -> None:
-        self.model, self.solves, self.seconds = model, 0, 0.0
-        self.variables, self.names = model.variables, model.names
+        self.model, self.variables, self.names = model, model.variables, model.names
         self.bounds = getattr(model, "bounds", {})
-        self.differentiable = False
-
-    @property
-    def jacobian(self) -> Callable[[Any], Any] | None:
-        """What gives response and derivatives by one solve, None without."""
-        if not self.differentiable:
-            return None
-        return lambda parameters: self._call(self.model.jacobian, parameters)
 
     def __call__(self, parameters: Any) -> Any:
-        """Solve, count and clock."""
-        return self._call(self.model, parameters)
+        """Solve."""
+        return self.model(parameters)
 
-    def _call(self, solve: Callable[[Any], Any], parameters: Any) -> Any:
-        begin = time.process_time()
-        response = solve(parameters)
-        self.seconds += time.process_time() - begin
-        self.solves += len(next(iter(parameters.values())))
-        return response
+
+def whole(model: Any) -> Any:
+    """Return a model as it is."""
+    return model
 
 
 @dataclass(frozen=True)
@@ -124,45 +103,37 @@ class Problem(NamedTuple):
     """A posterior and how many solves it may take."""
 
     posterior: ef.LogPosterior  # the true one
-    box: BlackBox  # which counts
     solves: tuple[int, int]  # the bar, values only and with derivatives
     first: Callable[[Floats], Floats] | None = None  # is a draw in that of two modes?
 
 
-def beck_au() -> Problem:
+def beck_au(learned: Any) -> Problem:
     """Return Beck and Au's shear frame, with two modes."""
     exact = beck_au_exactly().posterior
-    box = BlackBox(exact.model)
     term = RatioTerm((3.13, 9.83), 0.5**4, (0, 1), power=2)
-    return Problem(
-        ef.LogPosterior(box, term, exact.prior), box, (30, 12), lambda x: x[:, 0] < 1
-    )
+    posterior = ef.LogPosterior(learned(exact.model), term, exact.prior)
+    return Problem(posterior, (30, 12), lambda x: x[:, 0] < 1)
 
 
-def mass_spring() -> Problem:
+def mass_spring(learned: Any) -> Problem:
     """Return the paper's five masses and ten springs."""
-    given = ef.paper.mass_spring().posterior
-    box = BlackBox(given.model)
-    posterior = ef.LogPosterior(box, given.terms, given.prior)
-    return Problem(posterior, box, (45, 15), lambda x: x[:, 2] < 1980)
+    posterior = ef.paper.mass_spring().posterior.with_models(learned)
+    return Problem(posterior, (45, 15), lambda x: x[:, 2] < 1980)
 
 
-def h_structure(beta: float = 500.0) -> Problem:
-    """Return the paper's H structure.
+def h_structure(learned: Any, beta: float = 500.0) -> Problem:
+    """Return the paper's H structure; its seven lowest modes are a closed set.
 
-    A FE program gives the modes in ascending order, with their shapes; here the seven
-    lowest, at the three translations of all nodes. The paper compares five of them.
-    The next two cross modes above them inside the bounds: returned without those they
-    would only hurt (examples/how_to/emulated_crossing_modes.py).
+    The paper compares five of them. The next two cross modes above them: returned
+    without those they would only hurt (examples/how_to/emulated_crossing_modes.py).
     """
     given = ef.paper.h_structure(beta)
     rows = [f"{node}:u{axis}" for node in range(13) for axis in "xyz"]
     frame = ef.paper.h_frame(modes=range(1, 8), shapes=rows)
-    box = BlackBox(frame)
     wanted = [mode - 1 for mode in given.model.modes]
     term = RatioTerm(tuple(given.measured), beta**-0.5, wanted)
-    bar = (90, 40) if beta < 5e3 else (180, 80)
-    return Problem(ef.LogPosterior(box, term, given.posterior.prior), box, bar)
+    posterior = ef.LogPosterior(learned(frame), term, given.posterior.prior)
+    return Problem(posterior, (90, 40) if beta < 5e3 else (180, 80))
 
 
 STOREYS, FLOORS = 10, (0, 2, 4, 7, 9)  # all, and those with a sensor
@@ -171,13 +142,14 @@ COUPLING = 2e5  # N/m, between the directions of each storey of the tower
 MASS = 1e5  # kg
 
 
-def shear() -> Problem:
+def shear(learned: Any) -> Problem:
     """Return a shear building of ten storeys, five of whose floors were measured."""
     names = [f"s{i}" for i in range(1, STOREYS + 1)]
-    return _paired(*shear_building(names, MASS, 7, FLOORS, 1.0), 5, 7, (80, 30))
+    model, prior = shear_building(names, MASS, 7, FLOORS, 1.0)
+    return _paired(learned, model, prior, 5, 7, (80, 30))
 
 
-def tower() -> Problem:
+def tower(learned: Any) -> Problem:
     """Return a tower whose two directions have nearly the same stiffness."""
     names = [f"{axis}{i}" for axis in "xy" for i in range(1, HEIGHT + 1)]
     along = [np.outer(b, b) for b in np.eye(HEIGHT) - np.eye(HEIGHT, k=-1)]
@@ -191,42 +163,30 @@ def tower() -> Problem:
         MASS * np.eye(2 * HEIGHT), K, n_modes=6,
         shapes=[*SENSORS, *(HEIGHT + floor for floor in SENSORS)],
     )  # fmt: skip
-    return _paired(model, prior, 4, 6, (250, 90))
+    return _paired(learned, model, prior, 4, 6, (250, 90))
 
 
 def _paired(
-    model: ef.MatrixModel, prior: ef.GaussianPrior, n_modes: int, candidates: int,
-    bar: tuple[int, int],
+    learned: Any, model: ef.MatrixModel, prior: ef.GaussianPrior, n_modes: int,
+    candidates: int, bar: tuple[int, int],
 ) -> Problem:  # fmt: skip
     """Return the problem of a draw of the prior, whose modes are measured."""
-    truth, box = draw(prior, np.random.default_rng(3)), BlackBox(model)
+    truth = draw(prior, np.random.default_rng(3))
     measured = measure(model, truth, n_modes, np.random.default_rng(4))
-    paired = ef.PairedModel(box, measured, candidates=candidates)
-    return Problem(ef.LogPosterior(paired, terms_of(measured), prior), box, bar)
+    paired = ef.PairedModel(learned(model), measured, candidates=candidates)
+    return Problem(ef.LogPosterior(paired, terms_of(measured), prior), bar)
 
 
+KINDS: dict[str, Callable[[Any], Any]]
+KINDS = {"values only": ValuesOnly, "with derivatives": whole}
 PROBLEMS: dict[str, Callable[..., Problem]] = {
     "beck_au": beck_au,
     "mass_spring": mass_spring,
     "h_structure": h_structure,
-    "h_sharp": functools.partial(h_structure, 5e4),
+    "h_sharp": functools.partial(h_structure, beta=5e4),
     "shear": shear,
     "tower": tower,
 }
-
-
-class Moments(NamedTuple):
-    """Means, standard deviations, and the weight of the first mode."""
-
-    mean: Floats
-    sd: Floats
-    first: float
-
-    def compare(self, other: "Moments") -> tuple[float, float, float]:
-        """Return the worst differences of means, deviations and the weight."""
-        means = np.abs((self.mean - other.mean) / other.sd).max()
-        sds = np.abs(self.sd / other.sd - 1).max()
-        return float(means), float(sds), abs(self.first - other.first)
 
 
 def sample(posterior: ef.LogPosterior, evaluations: int, seed: int) -> Run:
@@ -240,24 +200,24 @@ def sample(posterior: ef.LogPosterior, evaluations: int, seed: int) -> Run:
         )  # fmt: skip
 
 
+@functools.cache
+def true_draws(name: str) -> Floats:
+    """Return draws of a true posterior."""
+    return draws_of(sample(PROBLEMS[name](whole).posterior, 5 * EVALUATIONS, seed=0))
+
+
 def draws_of(run: Run) -> Floats:
     """Return all draws ``(n, d)``."""
     return np.concatenate([sampler.get_chain(flat=True) for sampler in run])
 
 
-@functools.cache
-def true_draws(name: str) -> Floats:
-    """Return draws of a true posterior."""
-    return draws_of(sample(PROBLEMS[name]().posterior, 5 * EVALUATIONS, seed=0))
-
-
 def weigh(
     posteriors: Sequence[ef.LogPosterior], theta: Floats, problem: Problem, seed: int
-) -> list[Moments]:
-    """Return moments of posteriors by the same weighted draws of a fit to a chain.
+) -> Floats:
+    """Return weighted moments of posteriors, a row each, by draws of a fit to a chain.
 
-    At least SIZE of them are effective for the last posterior, if BATCHES do for that;
-    each mode has half.
+    They are means, standard deviations, and the weight of the first mode. At least SIZE
+    draws are effective for the last posterior, if BATCHES do; each mode has half.
     """
     parts = [theta]
     if problem.first is not None:
@@ -278,20 +238,17 @@ def weigh(
         weights /= weights.sum(axis=1, keepdims=True)
         if (weights[-1] ** 2).sum() < 1 / SIZE:
             break
-    return [average(np.concatenate(x), each, problem) for each in weights]
-
-
-def average(x: Floats, weights: Floats, problem: Problem) -> Moments:
-    """Return moments of weighted draws."""
-    mean = weights @ x
-    first = float(weights @ problem.first(x)) if problem.first else 0.0
-    return Moments(mean, np.sqrt(weights @ (x - mean) ** 2), first)
+    points = np.concatenate(x)
+    means = weights @ points
+    sds = np.sqrt(np.maximum(weights @ points**2 - means**2, 0))
+    first = weights @ (problem.first(points) if problem.first else 0 * points[:, 0])
+    return np.column_stack([means, sds, first])
 
 
 class Seed(NamedTuple):
     """What one seed gave."""
 
-    solves: int  # spent by ``emulate``, counted by the model
+    solves: int  # spent by ``emulate``
     rounds: int  # in which it solved, the first design among them
     mean: float  # the worst error of a mean, in posterior standard deviations
     sd: float  # the worst relative error of a standard deviation
@@ -310,33 +267,32 @@ class Seed(NamedTuple):
         return right and (name != "beck_au" or self.weight <= WEIGHT)
 
 
-def judge(
-    name: str, derivatives: bool, seed: int, solves: int | None, workers: int
-) -> Seed:
+def judge(name: str, learned: str, seed: int, solves: int | None, workers: int) -> Seed:
     """Emulate, sample, compare and certify."""
-    problem = PROBLEMS[name]()
-    problem.box.differentiable = derivatives
-    posterior = problem.posterior.with_models(lambda model: model)  # which looks anew
-    most = problem.solves[derivatives]
+    problem = PROBLEMS[name](KINDS[learned])
+    most = problem.solves[list(KINDS).index(learned)]
     if workers > 1:
         most = min(int(WIDER * most), ROUNDS * workers)
     begin = time.process_time()
     with ThreadPoolExecutor(workers) as pool:
         emulated = ef.emulate(
-            posterior, solves or most, seed=seed, pool=pool, tolerance=0
+            problem.posterior, solves or most, seed=seed, pool=pool, tolerance=0
         )
-    spent = problem.box.solves
     run = sample(emulated.posterior, EVALUATIONS, seed)
     idata = ef.to_inference_data(run)
-    certificate = ef.certify(idata, posterior, SOLVED, seed=seed)
-    seconds = time.process_time() - begin - problem.box.seconds
+    certificate = ef.certify(idata, problem.posterior, SOLVED, seed=seed)
+    seconds = time.process_time() - begin
     together = np.concatenate([draws_of(run), true_draws(name)])
     posteriors = (problem.posterior, emulated.posterior)
-    true, approximate = weigh(posteriors, together, problem, seed)
+    true, found = weigh(posteriors, together, problem, seed)
+    (mean, sd), first = np.split(true[:-1], 2), true[-1]
+    (mean_found, sd_found), weight = np.split(found[:-1], 2), found[-1]
     return Seed(
-        spent,
+        emulated.solves,
         len(emulated.history.rows),
-        *approximate.compare(true),
+        float(np.abs((mean_found - mean) / sd).max()),
+        float(np.abs(sd_found / sd - 1).max()),
+        float(abs(weight - first)),
         certificate.efficiency,
         certificate.pareto_k,
         certificate.short,
@@ -345,50 +301,53 @@ def judge(
     )
 
 
-def tabulate(results: dict[tuple[str, bool], list[Seed]]) -> Table:
-    """Return one row a problem: all its seeds, or the worst or the median of them."""
-    rows = []
-    for (name, kind), seeds in results.items():
-        worst, median, least = (
-            Seed(*map(pick, zip(*(s._replace(verdict=0) for s in seeds), strict=True)))
-            for pick in (max, np.median, min)
-        )
-        met = f"{sum(s.good(name) for s in seeds)} of {len(seeds)}"
-        sure = sum(s.verdict == "certified" for s in seeds)
-        rows.append((
-            name, KINDS[kind], worst.solves, worst.rounds, met, median.mean, worst.mean,
-            median.sd, worst.sd, median.efficiency, least.efficiency, worst.pareto_k,
-            sure, median.seconds,
-        ))  # fmt: skip
+def summarize(name: str, learned: str, seeds: list[Seed]) -> tuple[object, ...]:
+    """Return the row of a problem: all, the worst or the median of its seeds."""
+    worst, median, least = (
+        Seed(*map(pick, zip(*(s._replace(verdict=0) for s in seeds), strict=True)))
+        for pick in (max, np.median, min)
+    )
+    met = f"{sum(s.good(name) for s in seeds)} of {len(seeds)}"
+    sure = sum(s.verdict == "certified" for s in seeds)
+    return (
+        name, learned, worst.solves, worst.rounds, met, median.mean, worst.mean,
+        median.sd, worst.sd, median.efficiency, least.efficiency, worst.pareto_k,
+        sure, median.seconds,
+    )  # fmt: skip
+
+
+def main(
+    seeds: int = 20,
+    first: int = FIRST_SEED,
+    problem: tuple[str, ...] = tuple(PROBLEMS),
+    solves: int | None = None,
+    workers: int = 1,
+    learned: tuple[str, ...] = tuple(KINDS),
+) -> dict[tuple[str, str], list[Seed]]:
+    """Print a line a seed as it ends, then the table.
+
+    Args:
+        seeds: How many.
+        first: The first of them.
+        problem: Names of problems.
+        solves: Others than the bar's.
+        workers: Points of a round.
+        learned: "values only", "with derivatives", or both.
+    """
+    results: dict[tuple[str, str], list[Seed]]
+    results = {key: [] for key in product(problem, learned)}
+    for (name, kind), seed in product(results, range(first, first + seeds)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            one = judge(name, kind, seed, solves, workers)
+        results[name, kind].append(one)
+        shown = (f"{v:.3g}" if isinstance(v, float) else v for v in one)
+        mark = "met" if one.good(name) else "MISSED"
+        print(name, kind, seed, mark, *shown, sep="  ", flush=True)
     title = "Posteriors in few solves; medians of the seeds, and the worst of them"
-    return Table(title, tuple(COLUMNS), tuple(COLUMNS.values()), tuple(rows))
-
-
-def main() -> dict[tuple[str, bool], list[Seed]]:
-    """Print a line a seed as it ends, then the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first", type=int, default=FIRST_SEED)
-    parser.add_argument("--problem", action="append", choices=list(PROBLEMS))
-    parser.add_argument("--solves", type=int, help="others than the bar's")
-    parser.add_argument("--workers", type=int, default=1, help="points of a round")
-    parser.add_argument("--learned", choices=list(KINDS.values()), help="one of them")
-    given = parser.parse_args()
-    kinds = [kind for kind in KINDS if given.learned in (None, KINDS[kind])]
-    results: dict[tuple[str, bool], list[Seed]]
-    results = {key: [] for key in product(given.problem or PROBLEMS, kinds)}
-    for seed in range(given.first, given.first + given.seeds):
-        for name, kind in results:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                one = judge(name, kind, seed, given.solves, given.workers)
-            results[name, kind].append(one)
-            shown = (f"{v:.3g}" if isinstance(v, float) else v for v in one)
-            mark = "met" if one.good(name) else "MISSED"
-            print(name, KINDS[kind], seed, mark, *shown, sep="  ", flush=True)
-    print(tabulate(results))
+    tabulate(title, COLUMNS, (summarize(*key, found) for key, found in results.items()))
     return results
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -14,11 +14,12 @@ that of the Gaussian's weights.
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/hamiltonian.py
 """
 
-import argparse
+import itertools
 from typing import Any
 
 import numpy as np
 from buildings import draw, measure, shear_building, terms_of
+from commands import command, tabulate
 
 import emcee_femu as ef
 from emcee_femu.table import Table
@@ -49,6 +50,28 @@ def efficiency(
     return 1000 * ef.diagnose(run, discard=kept // 4).ess_bulk.min() / (kept * cost)
 
 
+def compare(d: int, building: int, solves: int, walkers: int) -> tuple[object, ...]:
+    """Return a row of the table."""
+    posterior = simulate(d, building)
+    start = posterior.prior.mean[None]
+    laplace = ef.find_map(posterior, start, seed=building, check=2_000)
+    draws = laplace.draw(3 * d + SAMPLES, seed=building)
+    metric = laplace.maxima[0].covariance
+    hmc = ef.moves.HamiltonianMove.tuned(posterior, draws[:SAMPLES], metric, seed=1)
+    moves = (
+        (hmc, draws[-walkers:], solves),
+        (ef.DEMCMove(), draws[-3 * d :], 4 * solves),  # more, to be stable
+    )
+    ess = [efficiency(posterior, *each, seed=building) for each in moves]
+    return d, building, laplace.pareto_k, f"{hmc.steps} x {hmc.step_size:.2f}", *ess
+
+
+COLUMNS = {
+    "storeys": "d", "building": "d", "Pareto k": ".2f", "steps": "", "HMC": ".1f",
+    "DE-MC": ".1f",
+}  # fmt: skip
+
+
 def main(
     storeys: tuple[int, ...] = (20, 30, 50),
     solves: int = 20_000,
@@ -56,37 +79,10 @@ def main(
     walkers: int = 16,
 ) -> Table:
     """Print and return a table with a row per building."""
-    rows = []
-    for d in storeys:
-        for building in range(1, buildings + 1):
-            posterior = simulate(d, building)
-            laplace = ef.find_map(
-                posterior, posterior.prior.mean[None], seed=building, check=2_000
-            )
-            draws = laplace.draw(3 * d + SAMPLES, seed=building)
-            metric = laplace.maxima[0].covariance
-            hmc = ef.moves.HamiltonianMove.tuned(
-                posterior, draws[:SAMPLES], metric, seed=1
-            )
-            moves = (
-                (hmc, draws[-walkers:], solves),
-                (ef.DEMCMove(), draws[-3 * d :], 4 * solves),  # more, to be stable
-            )
-            ess = [efficiency(posterior, *each, seed=building) for each in moves]
-            steps = f"{hmc.steps} x {hmc.step_size:.2f}"
-            rows.append((d, building, laplace.pareto_k, steps, *ess))
-            print(*rows[-1], flush=True)
-    columns = ("storeys", "building", "Pareto k", "steps", "HMC", "DE-MC")
-    formats = ("d", "d", ".2f", "", ".1f", ".1f")
-    table = Table("ESS per 1000 solves", columns, formats, tuple(rows))
-    print(table)
-    return table
+    cases = itertools.product(storeys, range(1, buildings + 1))
+    rows = (compare(*case, solves, walkers) for case in cases)
+    return tabulate("ESS per 1000 solves", COLUMNS, rows)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--storeys", type=int, nargs="+", default=(20, 30, 50))
-    parser.add_argument("--solves", type=int, default=20_000)
-    parser.add_argument("--buildings", type=int, default=3)
-    parser.add_argument("--walkers", type=int, default=16)
-    main(**vars(parser.parse_args()))
+    command(main)

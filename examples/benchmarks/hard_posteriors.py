@@ -13,13 +13,13 @@ Run it:  python examples/benchmarks/hard_targets.py
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from itertools import permutations
 from typing import Any
 
 import numpy as np
 from scipy import stats
-from scipy.special import gammaln, logsumexp
+from scipy.special import logsumexp
 
 import emcee_femu as ef
 
@@ -55,27 +55,10 @@ class Box:
         return rng.uniform(*self.bounds.T, size=(n, len(self.names)))
 
 
-@dataclass(frozen=True)
-class FreeModel:
-    """No FE model: the density stands in the likelihood term."""
-
-    variables: dict[str, ef.Variable] = field(
-        default_factory=lambda: ef.modal_variables(1)
-    )
-
-    def __call__(self, parameters: Any) -> ef.ModalSolution:
-        """Return one frequency that nobody reads."""
-        return ef.ModalSolution(np.ones((len(next(iter(parameters.values()))), 1)))
-
-
 def posterior_of(target: Target) -> ef.LogPosterior:
     """Return the target with its box as prior."""
-    names = tuple(f"x{i + 1}" for i in range(len(target.box)))
-
-    def density(parameters: Any, modes: Any) -> Floats:
-        return target.log_density(np.stack([parameters[n] for n in names], axis=1))
-
-    return ef.LogPosterior(FreeModel(), density, Box(names, target.box))
+    prior = Box(tuple(f"x{i + 1}" for i in range(len(target.box))), target.box)
+    return ef.LogPosterior.from_function(target.log_density, prior, vectorize=True)
 
 
 def inside(target: Target, n: int, seed: int = 1) -> Floats:
@@ -87,6 +70,14 @@ def inside(target: Target, n: int, seed: int = 1) -> Floats:
 def box(d: int, low: float, high: float) -> Floats:
     """Return the same bounds for all parameters."""
     return np.tile([low, high], (d, 1)).astype(float)
+
+
+def mixture(parts: Any, draw: Any, box: Floats, modes: int, steps: float = 1) -> Target:
+    """Return a mixture of log-densities ``(k, n)``; two or more are told apart."""
+    return Target(
+        lambda x: logsumexp(parts(x), axis=0), draw, box,
+        (lambda x: parts(x).argmax(axis=0)) if modes > 1 else None, steps,
+    )  # fmt: skip
 
 
 def gaussians(
@@ -108,16 +99,7 @@ def gaussians(
             result[which == k] = mean + result[which == k] @ factor.T
         return result
 
-    found = replace(labelled(parts, draw, box), steps=steps)
-    return replace(found, label=None) if len(weights) == 1 else found
-
-
-def labelled(parts: Callable[[Floats], Floats], draw: Any, box: Floats) -> Target:
-    """Return a mixture of log-densities ``(k, n)``, labelled by the largest."""
-    return Target(
-        lambda x: logsumexp(parts(x), axis=0), draw, box,
-        lambda x: parts(x).argmax(axis=0),
-    )  # fmt: skip
+    return mixture(parts, draw, box, len(weights), steps)
 
 
 def pair(d: int, mean: Any, weight: float, width: float, limits: Floats) -> Target:
@@ -129,7 +111,7 @@ def pair(d: int, mean: Any, weight: float, width: float, limits: Floats) -> Targ
 
 
 def needle(d: int, apart: float, weight: float, width: float) -> Target:
-    """Return a unit Gaussian at 0 and a narrow one ``apart`` along the diagonal."""
+    """Return such a pair, ``apart`` along the diagonal."""
     mean = apart / np.sqrt(d)
     return pair(d, mean, weight, width, box(d, -6, 6 + mean))
 
@@ -141,30 +123,57 @@ def unequal(d: int, apart: float, weight: float, width: float) -> Target:
 
 def turned(d: int, steps: float) -> Target:
     """Return a Gaussian whose covariance has condition 1e4, its axes turned."""
-    rotation = stats.ortho_group(d, seed=d).rvs()
-    factor = rotation * np.geomspace(1, 0.01, d)
+    factor = stats.ortho_group(d, seed=d).rvs() * np.geomspace(1, 0.01, d)
     return gaussians([1], np.zeros((1, d)), [factor], box(d, -8, 8), steps)
 
 
-def correlated(correlation: float, sd: float, limits: Floats, centre: Any) -> Target:
+def correlated(correlation: float, sd: float, limits: Floats, centre: float) -> Target:
     """Return a Gaussian with one correlation of all parameters."""
     d = len(limits)
     factor = sd * np.linalg.cholesky((1 - correlation) * np.eye(d) + correlation)
-    return gaussians([1], [np.broadcast_to(centre, d)], [factor], limits)
+    return gaussians([1], [np.full(d, centre)], [factor], limits)
 
 
-def radial(d: int, log_density: Any, inverse: Any, half: float) -> Target:
-    """Return a density of the radius alone; ``inverse`` draws radii ``(rng, n)``."""
+def round_modes(seed: int, d: int, sds: Any, half: float, weights: Any, means: Any):
+    """Return ten round Gaussians; weights and means by a generator."""
+    rng = np.random.default_rng(seed)
+    weights = weights(rng)
+    factors = rng.uniform(*sds, 10)[:, None, None] * np.eye(d)
+    return gaussians(weights, means(rng), factors, box(d, -half, half))
+
+
+def crossed(d: int, apart: float, thin: float, weights: tuple[float, ...]) -> Target:
+    """Return flat Gaussians that cross: the wide axes of one are thin in another."""
+    count = len(weights)
+    scales = [np.where(np.arange(d) % count == k, 2.0, thin) for k in range(count)]
+    means = np.zeros((count, d))
+    means[1:, :2] = apart * np.arange(1, count)[:, None]
+    factors = [np.diag(scale) for scale in scales]
+    return gaussians(weights, means, factors, box(d, -12, 12))
+
+
+def radial(
+    limits: Floats, log_density: Any, radii: Any,
+    weights: Any = (1.0,), means: Any = (0.0,), scales: Any = (1.0,),
+) -> Target:  # fmt: skip
+    """Return a density of the radius alone, or several; ``radii(rng, n)`` draws it."""
+    d, weights, scales = len(limits), np.array(weights), np.array(scales)
+    centres = np.outer(means, np.ones(d))
+    constants = np.log(weights) - d * np.log(scales)
+
+    def parts(x: Floats) -> Floats:
+        r = np.linalg.norm(x - centres[:, None], axis=2) / scales[:, None]
+        return constants[:, None] + log_density(r)
 
     def draw(rng: np.random.Generator, n: int) -> Floats:
-        r = inverse(rng, n)
-        direction = rng.normal(size=(len(r), d))
-        return direction * (r / np.linalg.norm(direction, axis=1))[:, None]
+        which, direction = (
+            rng.choice(len(weights), n, p=weights),
+            rng.normal(size=(n, d)),
+        )
+        r = scales[which] * radii(rng, n) / np.linalg.norm(direction, axis=1)
+        return centres[which] + r[:, None] * direction
 
-    def density(x: Floats) -> Floats:
-        return log_density(np.linalg.norm(x, axis=1))
-
-    return Target(density, draw, box(d, -half, half))
+    return mixture(parts, draw, limits, len(weights))
 
 
 def shell(d: int, radius: float, width: float, half: float) -> Target:
@@ -174,35 +183,50 @@ def shell(d: int, radius: float, width: float, half: float) -> Target:
     def log_density(r: Floats) -> Floats:
         return -0.5 * ((r - radius) / width) ** 2
 
-    density = grid ** (d - 1) * np.exp(log_density(grid))
-    share = density.cumsum() / density.sum()
+    share = (grid ** (d - 1) * np.exp(log_density(grid))).cumsum()
+    share /= share[-1]
     return radial(
-        d, log_density, lambda g, n: np.interp(g.random(n), share, grid), half
-    )
+        box(d, -half, half), log_density,
+        lambda rng, n: np.interp(rng.random(n), share, grid),
+    )  # fmt: skip
 
 
-def student(d: int = 10, df: float = 3.0) -> Target:
-    """Return a multivariate t law."""
+def student(d: int, df: float, half: float = 100, **modes: Any) -> Target:
+    """Return a multivariate t law, or several."""
     return radial(
-        d,
+        box(d, -half, half),
         lambda r: -0.5 * (df + d) * np.log1p(r**2 / df),
         lambda rng, n: np.sqrt(rng.chisquare(d, n) * df / rng.chisquare(df, n)),
-        100,
+        **modes,
     )
+
+
+def balls(d: int = 4, apart: float = 6.0, power: int = 8) -> Target:
+    """Return two flat unit balls with soft edges, of weights .6 and .4."""
+    return radial(
+        box(d, -4, 10), lambda r: -(r**power),
+        lambda rng, n: rng.gamma(d / power, size=n) ** (1 / power),
+        (0.6, 0.4), (0.0, apart), (1.0, 1.0),
+    )  # fmt: skip
+
+
+def funnel_density(x: Floats) -> Floats:
+    """Return the log-density of Neal's funnel: x1 is N(0, 3), others N(0, e^(x1/2))."""
+    v, others = x[:, 0], x[:, 1:]
+    squares = (others**2).sum(axis=1) * np.exp(-v)
+    return -(v**2) / 18 - 0.5 * (squares + others.shape[1] * v)
 
 
 def funnel(d: int = 5) -> Target:
-    """Return Neal's funnel: x1 is N(0, 3), the others N(0, exp(x1 / 2))."""
+    """Return Neal's funnel."""
 
     def draw(rng: np.random.Generator, n: int) -> Floats:
         z = rng.normal(size=(n, d))
         return np.column_stack([3 * z[:, 0], np.exp(1.5 * z[:, :1]) * z[:, 1:]])
 
-    def log_density(x: Floats) -> Floats:
-        v, rest = x[:, 0], (x[:, 1:] ** 2).sum(axis=1)
-        return -(v**2) / 18 - 0.5 * (rest * np.exp(-v) + (d - 1) * v)
-
-    return Target(log_density, draw, np.vstack([box(1, -12, 12), box(d - 1, -99, 99)]))
+    return Target(
+        funnel_density, draw, np.vstack([box(1, -12, 12), box(d - 1, -99, 99)])
+    )
 
 
 def banana(d: int = 4, bend: float = 0.03) -> Target:
@@ -221,65 +245,39 @@ def banana(d: int = 4, bend: float = 0.03) -> Target:
     )
 
 
-def corner(d: int = 4, scale: float = 0.02) -> Target:
-    """Return exponentials that press into the corner at zero of the unit box."""
+def corner(scales: Any, most: float) -> Target:
+    """Return exponentials that press into the corner of a box at zero."""
+    scales = np.array(scales)
     return Target(
-        lambda x: -x.sum(axis=1) / scale,
-        lambda rng, n: rng.exponential(scale, (n, d)),
-        box(d, 0, 1),
+        lambda x: -(x / scales).sum(axis=1),
+        lambda rng, n: rng.exponential(scales, (n, len(scales))),
+        box(len(scales), 0, most),
     )
 
 
-def noise(pairs: int = 2, shape: float = 3.0, rate: float = 3.0) -> Target:
-    """Return means x1, x3 and unknown variances x2, x4: normal-inverse-gamma laws."""
-
-    def draw(rng: np.random.Generator, n: int) -> Floats:
-        variance = rate / rng.gamma(shape, size=(n, pairs))
-        mean = rng.normal(size=(n, pairs)) * np.sqrt(variance / 5)
-        return np.stack([mean, variance], axis=2).reshape(n, -1)
+def unknown_errors(
+    groups: int,
+    shape: float,
+    power: int,
+    data: int,
+    mean: float,
+    low: float,
+    high: float,
+) -> Target:
+    """Return a mean and an error of each group: its variance, or sd (power 2)."""
 
     def log_density(x: Floats) -> Floats:
-        mean, variance = x[:, ::2], x[:, 1::2]
-        exponent = (rate + 2.5 * mean**2) / variance
-        return -((shape + 1.5) * np.log(variance) + exponent).sum(axis=1)
-
-    limits = [[-30.0, 30.0], [1e-6, 200.0]] * pairs
-    return Target(log_density, draw, np.array(limits))
-
-
-def round_modes(seed: int, d: int, sds: Any, limits: Floats, weights: Any, means: Any):
-    """Return ten round Gaussians; weights and means by a generator."""
-    rng = np.random.default_rng(seed)
-    weights = weights(rng)
-    factors = rng.uniform(*sds, 10)[:, None, None] * np.eye(d)
-    return gaussians(weights, means(rng), factors, limits)
-
-
-GRID = np.array([(i, j) for i in range(-10, 15, 5) for j in (-5, 5)]) * 1.0
-CUT = np.array([[-0.5, 6.0], [-0.5, 6.0], [-6.0, 6.0], [-6.0, 6.0]])  # two by bounds
-
-
-def labels() -> Target:
-    """Return three exchangeable parameters around -4, 0 and 5: six equal modes."""
-    means = list(permutations([-4.0, 0.0, 5.0]))
-    return gaussians(np.full(6, 1 / 6), means, [np.eye(3)] * 6, box(3, -12, 12))
-
-
-def balls(d: int = 4, apart: float = 6.0, power: int = 8) -> Target:
-    """Return two flat unit balls with soft edges, of weights .6 and .4."""
-    means = np.array([[0.0] * d, [apart] * d])
-
-    def parts(x: Floats) -> Floats:
-        r = np.linalg.norm(x - means[:, None], axis=2)
-        return np.log([[0.6], [0.4]]) - r**power
+        m, error = x[:, ::2], x[:, 1::2]
+        front = power * (shape + 1.5) - (power - 1)
+        exponent = (shape + data / 2 * m**2) / error**power
+        return -(front * np.log(error) + exponent).sum(axis=1)
 
     def draw(rng: np.random.Generator, n: int) -> Floats:
-        direction = rng.normal(size=(n, d))
-        direction /= np.linalg.norm(direction, axis=1)[:, None]
-        r = rng.gamma(d / power, size=(n, 1)) ** (1 / power)
-        return means[(rng.random(n) < 0.4).astype(int)] + r * direction
+        variance = shape / rng.gamma(shape, size=(n, groups))
+        m = rng.normal(size=(n, groups)) * np.sqrt(variance / data)
+        return np.stack([m, variance ** (1 / power)], axis=2).reshape(n, -1)
 
-    return labelled(parts, draw, box(d, -4, 10))
+    return Target(log_density, draw, np.array([[-mean, mean], [low, high]] * groups))
 
 
 def skewed(d: int = 4, shape: float = 1.5) -> Target:
@@ -297,25 +295,6 @@ def skewed(d: int = 4, shape: float = 1.5) -> Target:
         return stats.gamma.logpdf(x, shape, scale=scale).sum(axis=1)
 
     return Target(log_density, draw, box(d, 0, 200))
-
-
-def heavy_modes(d: int = 3, df: float = 4.0) -> Target:
-    """Return two t laws of 4 degrees of freedom, of weights .75 and .25."""
-    means, scales = np.array([[-4.0] * d, [5.0] * d]), np.array([1.0, 0.5])
-    weights = np.array([0.75, 0.25])
-    constant = gammaln((df + d) / 2) - gammaln(df / 2)
-
-    def parts(x: Floats) -> Floats:
-        r2 = ((x - means[:, None]) ** 2).sum(axis=2) / scales[:, None] ** 2
-        front = np.log(weights) - d * np.log(scales) + constant
-        return front[:, None] - 0.5 * (df + d) * np.log1p(r2 / df)
-
-    def draw(rng: np.random.Generator, n: int) -> Floats:
-        which = (rng.random(n) < weights[1]).astype(int)
-        z = rng.normal(size=(n, d)) * np.sqrt(df / rng.chisquare(df, (n, 1)))
-        return means[which] + scales[which, None] * z
-
-    return labelled(parts, draw, box(d, -40, 40))
 
 
 def arm(d: int, share: float, scale: float, bend: float, sides: int = 1) -> Target:
@@ -349,16 +328,6 @@ def arm(d: int, share: float, scale: float, bend: float, sides: int = 1) -> Targ
     return Target(log_density, draw, limits)
 
 
-def crossed(d: int, apart: float, thin: float, weights: tuple[float, ...]) -> Target:
-    """Return flat Gaussians that cross: the wide axes of one are thin in another."""
-    count = len(weights)
-    scales = [np.where(np.arange(d) % count == k, 2.0, thin) for k in range(count)]
-    means = np.zeros((count, d))
-    means[1:, :2] = apart * np.arange(1, count)[:, None]
-    factors = [np.diag(scale) for scale in scales]
-    return gaussians(weights, means, factors, box(d, -12, 12))
-
-
 def lobe(d: int = 4, share: float = 0.1, depth: float = 0.02) -> Target:
     """Return a Gaussian inside, and a wide lobe pressed against a bound."""
     wide = 2.0
@@ -382,28 +351,7 @@ def lobe(d: int = 4, share: float = 0.1, depth: float = 0.02) -> Target:
 
     limits = box(d, -15, 15)
     limits[0, 0] = 0.0
-    return Target(
-        lambda x: logsumexp(parts(x), axis=0), draw, limits,
-        lambda x: parts(x).argmax(axis=0),
-    )  # fmt: skip
-
-
-def inferred_errors(groups: int, shape: float, most: float) -> Target:
-    """Return a mean and a standard deviation, inferred, of each group of data."""
-
-    def log_density(x: Floats) -> Floats:
-        mean, sd = x[:, ::2], x[:, 1::2]
-        return -(
-            (2 * shape + 2) * np.log(sd) + (shape + 2 * mean**2) / sd**2
-        ).sum(axis=1)  # fmt: skip
-
-    def draw(rng: np.random.Generator, n: int) -> Floats:
-        variance = shape / rng.gamma(shape, size=(n, groups))
-        mean = rng.normal(size=(n, groups)) * np.sqrt(variance) / 2
-        return np.stack([mean, np.sqrt(variance)], axis=2).reshape(n, -1)
-
-    limits = [[-most, most], [1e-3, most]] * groups
-    return Target(log_density, draw, np.array(limits))
+    return mixture(parts, draw, limits, 2)
 
 
 def bent_ring(d: int, radius: float, width: float, part: float = np.pi) -> Target:
@@ -421,16 +369,6 @@ def bent_ring(d: int, radius: float, width: float, part: float = np.pi) -> Targe
         return np.column_stack([r * np.cos(turn), r * np.sin(turn), rest])
 
     return Target(log_density, draw, box(d, -2.5 * radius, 2.5 * radius))
-
-
-def pressed_corner(d: int, ratio: float) -> Target:
-    """Return exponentials into a corner, of scales that differ."""
-    scales = 0.1 * np.geomspace(1, 1 / ratio, d)
-    return Target(
-        lambda x: -(x / scales).sum(axis=1),
-        lambda rng, n: rng.exponential(scales, (n, d)),
-        box(d, 0, 2),
-    )
 
 
 def lognormal(d: int, sd: float) -> Target:
@@ -462,6 +400,18 @@ def shrunk(d: int = 4) -> Target:
     return Target(log_density, draw, np.vstack([[[0.02, 1.0]], box(d, -6, 6)]))
 
 
+GRID = np.array([(i, j) for i in range(-10, 15, 5) for j in (-5, 5)]) * 1.0
+CUT = np.array([[-0.5, 6.0], [-0.5, 6.0], [-6.0, 6.0], [-6.0, 6.0]])  # two by bounds
+ORDERS = list(permutations([-4.0, 0.0, 5.0]))  # of exchangeable parameters
+BESIDE = [[0, 0, 0], [1.2, 1.2, 0]], [np.eye(3), 0.15 * np.eye(3)]
+PLANE = (0.3, 1), 20, lambda _: np.linspace(4, 16, 10) / 100, lambda rng: (
+    GRID + rng.normal(size=(10, 2))
+)  # fmt: skip
+SPACE = (0.4, 0.8), 10, lambda rng: rng.dirichlet(np.full(10, 4.0)), lambda rng: (
+    rng.uniform(-7, 7, (10, 5))
+)  # fmt: skip
+TWO_T = {"weights": (0.75, 0.25), "means": (-4.0, 5.0), "scales": (1.0, 0.5)}
+
 TARGETS: dict[str, Callable[[], Target]] = {
     "needle, d=4, 5 sd, .2": lambda: needle(4, 5, 0.2, 0.2),
     "needle, d=5, 20 sd, .2": lambda: needle(5, 20, 0.2, 0.2),
@@ -470,40 +420,26 @@ TARGETS: dict[str, Callable[[], Target]] = {
     "needle, d=6, 10 sd, .1": lambda: needle(6, 10, 0.1, 0.3),
     "ring": lambda: shell(2, 5.0, 0.2, 10.0),
     "funnel, d=5": funnel,
-    "t, 3 dof, d=10": student,
+    "t, 3 dof, d=10": lambda: student(10, 3.0),
     "banana, d=4": banana,
-    "ten modes": lambda: round_modes(
-        10,
-        2,
-        (0.3, 1),
-        box(2, -20, 20),
-        lambda _: np.linspace(4, 16, 10) / 100,
-        lambda rng: GRID + rng.normal(size=(10, 2)),
-    ),  # fmt: skip
-    "corner of the box": corner,
+    "ten modes": lambda: round_modes(10, 2, *PLANE),
+    "corner of the box": lambda: corner([0.02] * 4, 1),
     "ridge .9999, d=4": lambda: correlated(0.9999, 1.0, box(4, -10, 20), 0.0),
-    "labels": labels,
+    "labels": lambda: gaussians([1 / 6] * 6, ORDERS, [np.eye(3)] * 6, box(3, -12, 12)),
     "condition 1e4, d=20": lambda: turned(20, 1.0),
     "condition 1e4, d=50": lambda: turned(50, 0.5),
     "condition 1e4, d=100": lambda: turned(100, 0.2),
     "1e-4 of the prior, d=4": lambda: correlated(0.5, 3e-5, box(4, 0, 1), 1 / 3),
-    "unknown noise": noise,
+    "unknown noise": lambda: unknown_errors(2, 3.0, 1, 5, 30, 1e-6, 200),
 }
 FRESH: dict[str, Callable[[], Target]] = {
     "unequal, d=5, width .15": lambda: unequal(5, 6.0, 0.3, 0.15),
     "unequal, d=8, width .3": lambda: unequal(8, 8.0, 0.4, 0.3),
     "flat balls, d=4": balls,
-    "ten modes, d=5": lambda: round_modes(
-        77,
-        5,
-        (0.4, 0.8),
-        box(5, -10, 10),
-        lambda rng: rng.dirichlet(np.full(10, 4.0)),
-        lambda rng: rng.uniform(-7, 7, (10, 5)),
-    ),  # fmt: skip
+    "ten modes, d=5": lambda: round_modes(77, 5, *SPACE),
     "needle inside, d=4": lambda: pair(4, 0.7, 0.2, 0.05, box(4, -6, 6)),
     "t, 2.2 dof, d=4": lambda: student(4, 2.2),
-    "two t, 4 dof, d=3": heavy_modes,
+    "two t, 4 dof, d=3": lambda: student(3, 4.0, 40, **TWO_T),
     "shell, d=5": lambda: shell(5, 4.0, 0.3, 9.0),
     "gamma ridge, d=4": skewed,
     "cut by bounds, d=4": lambda: correlated(0.6, 1.0, CUT, 0.0),
@@ -515,19 +451,14 @@ BELIEVED: dict[str, Callable[[], Target]] = {
     "two arms, d=3": lambda: arm(3, 0.03, 3.0, 0.1, sides=2),
     "lobe at a bound, d=4": lobe,
     "crossed, d=6": lambda: crossed(6, 1.5, 0.2, (0.7, 0.3)),
-    "beside, d=3": lambda: gaussians(
-        [0.75, 0.25],
-        [[0, 0, 0], [1.2, 1.2, 0]],
-        [np.eye(3), 0.15 * np.eye(3)],
-        box(3, -9, 9),
-    ),  # fmt: skip
-    "inferred errors, d=4": lambda: inferred_errors(2, 2.5, 40),
+    "beside, d=3": lambda: gaussians([0.75, 0.25], *BESIDE, box(3, -9, 9)),
+    "inferred errors, d=4": lambda: unknown_errors(2, 2.5, 2, 4, 40, 1e-3, 40),
     "ring of four": lambda: bent_ring(4, 4.0, 0.25),
-    "corner, d=5": lambda: pressed_corner(5, 30),
+    "corner, d=5": lambda: corner(0.1 * np.geomspace(1, 1 / 30, 5), 2),
     "lognormal, d=4": lambda: lognormal(4, 0.8),
     "arc, width .08": lambda: bent_ring(2, 5.0, 0.08, 2.0),
     "arm, d=4": lambda: arm(4, 0.02, 3.0, 0.2),
     "three crossed, d=6": lambda: crossed(6, 1.2, 0.3, (0.5, 0.3, 0.2)),
-    "inferred errors, d=6": lambda: inferred_errors(3, 3.0, 30),
+    "inferred errors, d=6": lambda: unknown_errors(3, 3.0, 2, 4, 30, 1e-3, 30),
     "common scale, d=5": shrunk,
 }

@@ -13,17 +13,15 @@ Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/hard_targets.py --seeds 20
 with --targets for a name or a part of names.
 """
 
-import argparse
 import functools
 import warnings
-from concurrent.futures import ProcessPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
+from commands import command, mapping, tabulate
 from hard_posteriors import BELIEVED, FRESH, TARGETS, Target, inside, posterior_of
 
 import emcee_femu as ef
-from emcee_femu.table import Table
 
 Floats = np.ndarray
 MOST_DRAWS, MOST_NUMBERS = 1_000_000, 10_000_000  # of a target, exact
@@ -66,7 +64,7 @@ def truth_of(name: str) -> tuple[Target, Truth]:
     return target, Truth(x.mean(axis=0), x.std(axis=0), weights, len(x))
 
 
-def judge(name: str, seed: int, steps: int | None) -> Run:
+def judge(name: str, steps: int | None, seed: int) -> Run:
     """Run "auto" on a target, and compare."""
     target, truth = truth_of(name)
     steps = steps and max(8, round(target.steps * steps))
@@ -94,28 +92,17 @@ def judge(name: str, seed: int, steps: int | None) -> Run:
     )  # fmt: skip
 
 
-def report(results: dict[str, list[Run]]) -> None:
-    """Print the table and the totals."""
-    rows = []
-    for name, runs in results.items():
-        good = [run for run in runs if run.converged]
-        right = [run for run in runs if run.right]
-        largest = max((run.sd for run in good), default=np.nan)
-        rows.append((
-            name, len(runs), len(good), sum(r.wrong for r in good), len(right),
-            sum(r.converged for r in right), 100 * largest,
-            np.sqrt(np.mean([r.z**2 for r in good] or [np.nan])),
-            np.median([r.solves for r in runs]),
-        ))  # fmt: skip
-    title = "Hard targets: what runs called converged are worth"
-    print(Table(title, tuple(COLUMNS), tuple(COLUMNS.values()), tuple(rows)))
-    runs, called, wrong, right, both = (
-        sum(row[i] for row in rows) for i in range(1, 6)
-    )
-    print(
-        f"{called} of {runs} runs are called converged, {wrong} of these are wrong;\n"
-        f"{right} runs are right, {both} of these are called converged."
-    )
+def summarize(name: str, runs: list[Run]) -> tuple[object, ...]:
+    """Return a row of the table."""
+    good = [run for run in runs if run.converged]
+    right = [run for run in runs if run.right]
+    return (
+        name, len(runs), len(good), sum(run.wrong for run in good), len(right),
+        sum(run.converged for run in right),
+        100 * max((run.sd for run in good), default=np.nan),
+        np.sqrt(np.mean([run.z**2 for run in good] or [np.nan])),
+        np.median([run.solves for run in runs]),
+    )  # fmt: skip
 
 
 def main(
@@ -125,30 +112,34 @@ def main(
     processes: int = 1,
     first: int = 0,
 ) -> dict[str, list[Run]]:
-    """Run, print the table and the totals, and return all runs by target."""
-    results: dict[str, list[Run]] = {}
-    numbers = range(first, first + seeds)
+    """Run, print the table and the totals, and return all runs by target.
+
+    Targets are "fourteen", "twelve", "eighteen", a name or a part of names.
+    """
     named = [targets] if targets in ALL else [name for name in ALL if targets in name]
-    for name in SETS.get(targets, named):
+    names = [*SETS.get(targets, named)]
+    for name in names:
         truth_of(name)  # before processes are forked
-        jobs = [name] * seeds, numbers, [steps] * seeds
-        if processes > 1:
-            with ProcessPoolExecutor(processes) as pool:
-                results[name] = list(pool.map(judge, *jobs))
-        else:
-            results[name] = list(map(judge, *jobs))
-        print(
-            f"{name}: {sum(r.converged for r in results[name])} converged", flush=True
-        )
-    report(results)
+    results: dict[str, list[Run]] = {}
+    with mapping(processes) as many:
+
+        def row(name: str) -> tuple[object, ...]:
+            judged = many(functools.partial(judge, name, steps), numbers)
+            results[name] = [*judged]
+            return summarize(name, results[name])
+
+        numbers = range(first, first + seeds)
+        title = "Hard targets: what runs called converged are worth"
+        table = tabulate(title, COLUMNS, map(row, names))
+    runs, called, wrong, right, both = (
+        sum(row[i] for row in table.rows) for i in range(1, 6)
+    )
+    print(
+        f"{called} of {runs} runs are called converged, {wrong} of these are wrong;\n"
+        f"{right} runs are right, {both} of these are called converged."
+    )
     return results
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--first", type=int, default=0, help="seed")
-    parser.add_argument("--targets", default="fourteen", help="or eighteen, twelve")
-    parser.add_argument("--steps", type=int)
-    parser.add_argument("--processes", type=int, default=1)
-    main(**vars(parser.parse_args()))
+    command(main)

@@ -10,7 +10,6 @@ reduction is left out if a solve takes more than 100 s.
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/large_model.py
 """
 
-import argparse
 import importlib.util
 import multiprocessing
 import os
@@ -22,6 +21,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from commands import command, tabulate
 from scipy import sparse
 
 import emcee_femu as ef
@@ -33,19 +33,11 @@ SIZES = np.array([6.0, 8.0, 24.0])  # m
 BOUNDS = dict.fromkeys(["E1", "E2", "E3", "E4"], (0.5, 1.5))  # times E, from the foot
 PATIENCE = 100.0  # seconds of a solve
 COLUMNS = {
-    "DOFs": "d",
-    "solver": "",
-    "factor (s)": ".2f",
-    "right-hand side (s)": ".3f",
-    "six modes (s)": ".1f",
-    "peak (GB)": ".1f",
-    "reduced (min)": ".1f",
-    "full solves": ".0f",
-    "basis": ".0f",
-    "error": ".1e",
-    "peak then (GB)": ".1f",
+    "DOFs": "d", "solver": "", "factor (s)": ".2f", "right-hand side (s)": ".3f",
+    "six modes (s)": ".1f", "peak (GB)": ".1f", "reduced (min)": ".1f",
+    "full solves": ".0f", "basis": ".0f", "error": ".1e", "peak then (GB)": ".1f",
     "reduced solve (ms)": ".2f",
-}
+}  # fmt: skip
 
 
 def brick(sides: np.ndarray) -> np.ndarray:
@@ -128,27 +120,17 @@ def main(
     solvers: tuple[str, ...] = ("SuperLU", "PARDISO"),
     threads: int = 1,
 ) -> Table:
-    """Print each row as it is there, then the table, and return it."""
+    """Print and return the table; the threads are those of PARDISO."""
     os.environ["MKL_NUM_THREADS"] = str(threads)  # PARDISO's, of the processes to come
     if not importlib.util.find_spec("pypardiso"):
         solvers = tuple(name for name in solvers if name != "PARDISO")
     cases = [(size, solver) for size in dofs for solver in solvers]
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, spawn, max_tasks_per_child=1) as executor:
-        rows = []
-        for row in executor.map(measure, *zip(*cases, strict=True)):
-            rows.append(row)
-            print(*row, flush=True)
-    title = f"Six modes of a solid; PARDISO on {threads} thread(s)"
-    table = Table(title, tuple(COLUMNS), tuple(COLUMNS.values()), tuple(rows))
-    print(table)
-    return table
+        rows = executor.map(measure, *zip(*cases, strict=True))
+        title = f"Six modes of a solid; PARDISO on {threads} thread(s)"
+        return tabulate(title, COLUMNS, rows)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--dofs", type=int, nargs="+", default=(20_000, 70_000))
-    names = ("SuperLU", "PARDISO")
-    parser.add_argument("--solvers", choices=names, nargs="+", default=names)
-    parser.add_argument("--threads", type=int, default=1, help="of PARDISO")
-    main(**vars(parser.parse_args()))
+    command(main)

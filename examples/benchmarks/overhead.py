@@ -2,22 +2,17 @@
 
 The two samplers of a pair take turns in short blocks on one thread, and the median of
 the block-by-block ratios is printed, so that a drift of the machine's speed cancels.
-The first table is the bare overhead, on a Gaussian that costs next to nothing. The
-second compares the mass-spring posterior under ``DEMCMove``, vectorised over walkers,
-with the same posterior written as most scripts are: one walker at a time,
-``scipy.linalg.eigh(K, M)``, under emcee's ``DEMove``.
+The target is a Gaussian that costs next to nothing.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/overhead.py
 """
 
-import argparse
 import time
-from collections.abc import Callable
 from typing import Any
 
 import emcee
 import numpy as np
-from scipy.linalg import eigh
+from commands import command
 
 import emcee_femu as ef
 
@@ -25,37 +20,6 @@ import emcee_femu as ef
 def gaussian(theta: np.ndarray) -> np.ndarray:
     """Return the log density of a batch ``(n, d)``."""
     return -0.5 * np.einsum("ij,ij->i", theta, theta)
-
-
-def looped_mass_spring() -> Callable[[np.ndarray], float]:
-    """Return the mass-spring log-posterior of one walker, written by hand."""
-    problem = ef.paper.mass_spring()
-    mass = np.diag(problem.model.masses)
-    ends = {
-        "k1": (0, 4), "k2": (0, 1), "k3": (1, 4), "k4": (1, 3), "k5": (3, 4),
-        "k6": (0, 3), "k7": (0, 2), "k8": (2, 3), "k9": (0, 3), "k10": (3, 5),
-    }  # fmt: skip
-    fixed = {"k3": 3200.0, "k5": 1840.0, "k9": 2800.0, "k10": 2000.0}
-    names = problem.posterior.names
-    low, high = problem.posterior.prior.bounds.T
-    mean = np.array([*problem.initial.values()])
-
-    def log_prob(theta: np.ndarray) -> float:
-        if (theta < low).any() or (theta > high).any():
-            return -np.inf
-        k = dict(zip(names, theta, strict=True)) | fixed
-        k["k7"] = k["k2"]
-        K = np.zeros((6, 6))
-        for name, (i, j) in ends.items():
-            K[i, i] += k[name]
-            K[j, j] += k[name]
-            K[i, j] -= k[name]
-            K[j, i] -= k[name]
-        f = np.sqrt(eigh(K[1:, 1:], mass, eigvals_only=True)) / (2 * np.pi)
-        misfit = 6.8e5 * (((problem.measured - f) / problem.measured) ** 2).sum()
-        return float(-0.5 * misfit - 0.5 * (((theta - mean) / 1e3) ** 2).sum())
-
-    return log_prob
 
 
 def paired(ours: Any, theirs: Any, start: np.ndarray, blocks: int, n: int) -> str:
@@ -75,7 +39,7 @@ def paired(ours: Any, theirs: Any, start: np.ndarray, blocks: int, n: int) -> st
 
 
 def main(blocks: int = 40, n: int = 300) -> None:
-    """Print both comparisons for three ensemble sizes."""
+    """Print the comparison for three ensemble sizes."""
     independence = ef.IndependenceMove([1.0], np.zeros((1, 5)), [np.eye(5)])
     moves = {
         "DEMCMove()": ef.DEMCMove(),
@@ -93,25 +57,6 @@ def main(blocks: int = 40, n: int = 300) -> None:
             found = paired(*pair, start, blocks, n)
             print(f"  N = {nwalkers:3d}  {label:<17}", found)
 
-    print("a generation of the mass-spring posterior: vectorised    looped, scipy eigh")
-    problem, looped = ef.paper.mass_spring(), looped_mass_spring()
-    for nwalkers in (10, 32, 128):
-        (burn_in,) = ef.run(
-            problem.posterior, ef.DEMCMove(), nwalkers, ensembles=1, seed=1
-        )
-        start = burn_in.get_chain()[-1]
-        ours = emcee.EnsembleSampler(
-            nwalkers, 5, problem.posterior, moves=ef.DEMCMove(), vectorize=True
-        )
-        theirs = emcee.EnsembleSampler(nwalkers, 5, looped, moves=emcee.moves.DEMove())
-        print(
-            f"  N = {nwalkers:3d}   ",
-            paired(ours, theirs, start, max(blocks // 4, 2), max(n // 10, 2)),
-        )
-
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--blocks", type=int, default=40)
-    parser.add_argument("--n", type=int, default=300)
-    main(**vars(parser.parse_args()))
+    command(main)

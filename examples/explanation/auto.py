@@ -6,8 +6,8 @@
 # how, and shows what is on record. `python examples/explanation/auto.py` runs it in
 # some 4 s.
 #
-# The example has two modes. Two storeys of equal mass have the same frequencies with
-# stiffnesses k1 (ground) and k2 (upper) as with 2 k2 and k1 / 2:
+# The simulated example has two modes. Two storeys of equal mass have the same
+# frequencies with stiffnesses k1 (ground) and k2 (upper) as with 2 k2 and k1 / 2:
 
 # %%
 import numpy as np
@@ -21,20 +21,20 @@ term = ef.FrequencyTerm(truth.frequencies[0], relative_sd=0.01)
 uniform = (5, 300)
 prior = ef.IndependentPrior({"ground": uniform, "upper": uniform})
 posterior = ef.LogPosterior(model, term, prior)
-run = ef.run(posterior, steps=200, seed=1)
+run = ef.run(posterior, seed=1)
 run
 
 # %% [markdown]
 # ## 1. Search
 #
-# The search solves a fifth as many points as the chain has evaluations, at least 1,000.
-# Half of them are draws of the prior; half are about the modes found so far, at 2, 4, 8
-# times their widths and so on. Each ensemble climbs from its best point. It then climbs
-# from points whose density is higher than that of the Gaussians fitted at the known
-# modes. If the posterior is not Gaussian, there are many such points, and a climb starts
-# only from those that are separated from the nearest mode by a valley (checked at four
-# points on the way). The climbs are those of {py:func}`~emcee_femu.find_map`: one solve
-# per step with `jacobian`, `d + 1` without.
+# The search solves 2,000 points; with `steps=`, a fifth as many as the chain has
+# evaluations, at least 1,000. Half of them are draws of the prior; half are about the
+# modes found so far, at 2, 4, 8 times their widths and so on. Each ensemble climbs from
+# its best point. It then climbs from points whose density is higher than that of the
+# Gaussians fitted at the known modes. If the posterior is not Gaussian, there are many
+# such points, and a climb starts only from those that are separated from the nearest
+# mode by a valley (checked at four points on the way). The climbs are those of
+# {py:func}`~emcee_femu.find_map`: one solve per step with `jacobian`, `d + 1` without.
 
 # %%
 search = run.search
@@ -93,10 +93,9 @@ for move, share in run.moves:
 # is good, as with most of 14 parameters at their bounds, each starts from its own
 # annealed population.
 #
-# Everything before the chain takes at most twice as many evaluations as the chain, or
-# 30,000 before a short one: climbs, annealing and second attempts then stop, whatever
-# lies at bounds. The number, and the seconds estimated from the first solve, are logged
-# before the search begins; `run(..., progress=True)` shows a bar.
+# Climbs, annealing and second attempts stop when the search has spent what it may. The
+# number, and the seconds estimated from the first solve, are logged before the search
+# begins; `run(..., progress=True)` shows a bar.
 #
 # ## What is on record
 #
@@ -112,11 +111,9 @@ ef.diagnose(run)
 
 # %% [markdown]
 # A mode that no point of the search hit is not in the proposal; the statement on the
-# search says how small it may be. More steps search more. So do other seeds, and starts
-# of your own (`starts=`), which are searched too.
-#
-# All evaluations before the chain are counted. The chain holds no part of
-# the search, so that nothing needs to be discarded:
+# search says how small it may be. `steps=` of a longer run searches more, and so do
+# starts of your own (`starts=`). The chain holds no part of the search, so that nothing
+# needs to be discarded:
 
 # %%
 chain = run[0].get_chain().shape
@@ -124,13 +121,6 @@ print(f"before: {run.evaluations}; each chain: {chain}")
 evidence = ef.log_evidence(run)  # by the frozen proposal: no further solve
 print(evidence)
 idata = ef.to_inference_data(run)  # no discard
-
-# %% [markdown]
-# The posterior has two modes. Neither mean and covariance nor an ellipse describes it:
-# the figure shows the smallest regions that hold 95 % and 50 % of the samples.
-
-# %% mystnb={"image": {"alt": "Scatter of ground and upper stiffness: two small separate clouds, a stiff storey on a soft one, and a soft one on a stiff one"}}
-ef.figures.plot_scatter(idata)
 
 # %% tags=["remove-cell"]
 names = [type(move).__name__ for move, _ in run.moves]

@@ -3,7 +3,7 @@
 #
 # What does {py:func}`~emcee_femu.certify` prove about a posterior that was sampled with
 # a stand-in for the model, what do its three verdicts mean, and what can it not see?
-# `python examples/explanation/certificate.py` runs the page (4 s).
+# `python examples/explanation/certificate.py` runs the page (4 s) on made-up data.
 #
 # A stand-in (an emulator, a reduced or a coarse model) gives a posterior that is nearly
 # right. `certify` spends full solves on draws of it. At each draw the weight is the
@@ -75,16 +75,13 @@ ef.parameter_table(certificates["a little off"].idata)
 # ## How it decides
 #
 # Pareto k describes the tail of the largest weights: above 0.7 their mean cannot be
-# estimated. If weights are nearly equal (efficiency above 0.9), k does not matter, and
-# the sentence leaves it out. With fewer than 100 weights, estimates of k scatter by 0.2,
-# so the limit is lower: 1 - 1 / log10(n). Efficiency and the largest weight are also
-# taken into account.
+# estimated, unless weights are nearly equal (efficiency above 0.9). With fewer than 100
+# weights, estimates of k scatter by 0.2, so the limit is lower: 1 - 1 / log10(n).
 #
 # Means and standard deviations use the whole chain: a fit to ln w, made at other draws,
 # predicts the weights everywhere, and the solved draws correct it. So the errors of a
 # certified result are a few hundredths of a standard deviation, where 75 draws alone
-# would know a mean to 0.12 (`pytest -m slow tests/results` compares the claimed errors
-# with exact values).
+# would know a mean to 0.12.
 #
 # ## Where the emulator puts no draws
 #
@@ -113,17 +110,12 @@ refused
 # %% [markdown]
 # A narrow mode that no climb comes near stays unseen. So does a part of the posterior
 # next to the draws, without a maximum of its own, that an emulator without `spread`
-# cuts off smoothly. {py:func}`~emcee_femu.emulate` looks for such parts while it
-# learns.
+# cuts off smoothly.
 #
-# **Weights do not recover what the chain did not visit.** For the paper's mass-spring
-# posterior, an emulator of 39 solves had the lobe at k4 < 1980 N/m right to 0.05 of
-# log-density. But a chain of 20 walkers and 800 steps had hardly been there. Its
-# weights were nearly equal, and its worst standard deviation 31 % off. So no certificate
-# is better than its chain: one that `diagnose` calls not converged is refused, with the
-# number of steps that it needs. The steps cost no solve, but a new chain needs a new
-# certificate, so ask `diagnose` before `certify`. If the chain is only too short, the
-# standard errors allow for that, and the certificate says so.
+# **Weights do not recover what the chain did not visit.** No certificate is better than
+# its chain: one that `diagnose` calls not converged is refused, with the number of steps
+# that it needs. The steps cost no solve, but a new chain needs a new certificate, so ask
+# `diagnose` before `certify`.
 
 # %% tags=["remove-cell"]
 shorts = {title: found.short for title, found in certificates.items()}

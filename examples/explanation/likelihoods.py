@@ -6,9 +6,8 @@
 # `python examples/explanation/likelihoods.py` runs it (5 s).
 #
 # A term maps the model's response to a log-likelihood, the logarithm of the density of
-# what was measured. An engineer would call its negative a misfit, with two differences:
-# it includes the scale of the errors and their normalising constants. The constants do
-# not matter as long as all errors are given. They matter as soon as an error is
+# what was measured, with the scale of the errors and their normalising constants. These
+# do not matter as long as all errors are given. They matter as soon as an error is
 # inferred, and when [model classes](../tutorials/model_classes.py) are compared by
 # their evidence.
 
@@ -49,18 +48,15 @@ print(f"independent  {by_beta[0]:.6f}   scipy {by_scipy:.6f}")
 print(f"correlated   {correlated[0]:.6f}   scipy {correlated_by_scipy:.6f}")
 
 # %% [markdown]
-# Repeated tests scatter together: temperature and mounting move all frequencies one
-# way. With a correlation of 0.8, two deviations of opposite sign are much less likely
-# than if they were independent, as the two numbers show. Give the covariance of *one*
-# test. That of the mean of $N$ tests would shrink as $1/N$, but errors that all tests
-# share do not.
+# Repeated tests scatter together. With a correlation of 0.8, two deviations of opposite
+# sign are much less likely than if they were independent. Give the covariance of *one*
+# test: errors that all tests share do not shrink with their number.
 #
 # **Assumed:** errors are small against the frequencies and Gaussian, and the compared
 # modes are the same. {py:class}`~emcee_femu.PairedModel` ensures the second. If it
 # finds no partner, 8 is subtracted from the log-likelihood, the cost of four standard
-# deviations. The posterior stays finite there, so that a walker can return.
-
-# %% [markdown]
+# deviations.
+#
 # ## What the model cannot represent
 #
 # Tests often scatter by 0.2 % while a good model is off by 1 or 2 %. With the scatter
@@ -72,11 +68,10 @@ print(f"correlated   {correlated[0]:.6f}   scipy {correlated_by_scipy:.6f}")
 #    - \tfrac12 \ln \det 2 \pi (R + \sigma_d^2 I) - \sum_i \ln f_i^m , $$
 #
 # with $R$ the covariance of the relative measurement errors. The determinant keeps
-# $\sigma_d$ from growing: without it the largest $\sigma_d$ would always win. The prior
-# must be proper. If $R = 0$, the usual improper prior of a scale, $1/\sigma_d$, gives a
-# density proportional to $(r^T r)^{-m/2}$ after integration over $\sigma_d$. Its
-# integral is infinite if some parameters make all $m$ residuals zero at once, which is
-# usual unless there are more residuals than parameters.
+# $\sigma_d$ from growing. The prior must be proper: if $R = 0$, the usual improper prior
+# of a scale, $1/\sigma_d$, has an infinite integral if some parameters make all residuals
+# zero at once, which is usual unless there are more residuals than parameters. [Noise and
+# model error](../tutorials/noise_and_model_error.py) shows what it does.
 
 # %%
 term = ef.FrequencyTerm(measured, relative_sd=0.002, discrepancy="error")
@@ -84,11 +79,6 @@ sigma = np.array([0.01])
 value = term({"error": sigma}, response)
 scale = np.hypot(0.002, sigma) * measured
 print(value, stats.norm.logpdf(predicted, measured, scale).sum(axis=1))
-
-# %% [markdown]
-# With the scatter alone, even the best parameters are improbable, and the posterior is
-# narrow about them. With $\sigma_d$ of the size of the misfit, it is as wide as it must
-# be. [Noise and model error](../tutorials/noise_and_model_error.py) shows both.
 
 # %% [markdown]
 # ## Mode shapes
@@ -168,11 +158,10 @@ print(statics, stats.norm.logpdf(u, u_m, 0.1).sum())
 # shows all errors. It does not show the accelerometer's mass or a tilted hammer, which
 # all lines share.
 #
-# The likelihood of complex FRFs is sharp where the resonances meet. Away from there it
-# may rise in the wrong direction: a model without a resonance in the band is less wrong
-# than one with a resonance in the wrong place. The logarithms of amplitudes lead there
-# from everywhere, but determine the stiffness less well. So search by amplitudes, and
-# sample with complex FRFs if phases are good.
+# The likelihood of complex FRFs is sharp where the resonances meet, and away from there
+# it may rise in the wrong direction. The logarithms of amplitudes lead there from
+# everywhere, but determine the stiffness less well. So search by amplitudes, and sample
+# with complex FRFs if phases are good.
 
 # %%
 lines = np.linspace(0.5, 1.8, 131)
@@ -199,8 +188,8 @@ print(by_frf, stats.norm.logpdf([r.real, r.imag], scale=s).sum())
 # Sources: the paper's Eq. 2.2; Vanik, Beck and Au (2000),
 # [doi:10.1061/(ASCE)0733-9399(2000)126:7(738)](https://doi.org/10.1061/(ASCE)0733-9399(2000)126:7(738));
 # Simoen, De Roeck and Lombaert (2015),
-# [doi:10.1016/j.ymssp.2014.11.001](https://doi.org/10.1016/j.ymssp.2014.11.001);
-# Bendat and Piersol, Random Data (2010).
+# [doi:10.1016/j.ymssp.2014.11.001](https://doi.org/10.1016/j.ymssp.2014.11.001); Bendat
+# and Piersol, Random Data (2010).
 
 # %% tags=["remove-cell"]
 np.testing.assert_allclose(by_beta[0], by_scipy, rtol=1e-10)

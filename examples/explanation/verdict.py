@@ -10,8 +10,8 @@
 # found, and how small a mode may be missing? *Fit*: is the measurement inside the
 # posterior predictive? Chains of a wrong model converge too, so look at all three.
 #
-# The example is a two-storey frame with a soft lower or a soft upper storey, which have
-# the same two frequencies (Beck and Au 2002): two modes far apart.
+# The example is a simulated two-storey frame with a soft lower or a soft upper storey,
+# which have the same two frequencies (Beck and Au 2002): two modes far apart.
 
 # %%
 from textwrap import fill, indent
@@ -30,7 +30,7 @@ prior = ef.GaussianPrior(
     ["x1", "x2"], [1.2, 0.6], [0.6, 0.3], bounds=[(0.1, 3.0), (0.05, 1.5)]
 )
 posterior = ef.LogPosterior(model, term, prior)
-run = ef.run(posterior, steps=300, seed=1)
+run = ef.run(posterior, seed=1)
 good = ef.diagnose(run)
 good
 
@@ -127,39 +127,35 @@ figure
 
 # %% [markdown]
 # R-hat over ensembles should be below 1.01, as Vehtari et al. advise; over walkers,
-# `diagnose` complains only above 1.05. One walker is a short chain. With $n$ steps and
-# an autocorrelation time $\tau$, its mean has the variance $\tau / n$ of the
-# posterior's, and each half twice that. So R-hat of perfectly healthy walkers is about
-# $\sqrt{1 + 2 \tau / n}$: 1.02 at the required 50 $\tau$.
-
-# %% [markdown]
+# `diagnose` complains only above 1.05. One walker is a short chain: with $n$ steps and an
+# autocorrelation time $\tau$, R-hat of perfectly healthy walkers is about
+# $\sqrt{1 + 2 \tau / n}$.
+#
 # ## What "auto" adds
 #
 # The checks from "a mode is lost" to "proposal too narrow" need what `"auto"` found
 # (`run.search`), and no solve. The frozen proposal q is an importance sampler beside
 # the chain, so it gives the weights of separated modes independently. At the chain's
 # own draws, p / q says how long a walker waits there. `diagnose(...).modes` has these
-# numbers, printed as a table if there are several separated modes (above), and works
-# from the ArviZ object too. Pareto k of draws of q is converted to draws of p, as k /
-# (1 - k).
+# numbers, printed as a table if there are several separated modes (above).
 #
 # ## Search: what no diagnosis sees
 #
 # No diagnosis sees what neither a search nor a walker has visited. The search of
-# `"auto"` evaluates a fifth as many points as the chain has evaluations, at least
-# 1,000. Half of them are draws of the prior, half are about the modes found. It may
-# miss a mode if the region from which a climb would lead there is too small. This is so
-# if the region holds less than about 3 / points both of the prior and of the
-# surroundings of the found modes. (Where 3 hits are expected, the chance of none is 5
-# %.) The statement says how small that is:
+# `"auto"` evaluates 2,000 points; with `steps=`, a fifth as many as the chain has
+# evaluations, at least 1,000. Half of them are draws of the prior, half are about the
+# modes found. It may miss a mode if the region from which a climb would lead there is
+# too small. This is so if the region holds less than about 3 / points both of the prior
+# and of the surroundings of the found modes. (Where 3 hits are expected, the chance of
+# none is 5 %.) The statement says how small that is:
 
 # %%
 points = good.modes.searched
 print(f"{points} points: a region of {3 / points:.1e} may be missed")
 
 # %% [markdown]
-# More steps search more. Other remedies are other seeds, your own starts (`starts=`,
-# which are searched too), and [tempering](../how_to/tempering.py).
+# Longer runs by `steps=` search more. Other remedies are other seeds, your own starts
+# (`starts=`, which are searched too), and [tempering](../how_to/tempering.py).
 #
 # ## Fit: the right posterior of a wrong model
 #
@@ -167,9 +163,10 @@ print(f"{points} points: a region of {3 / points:.1e} may be missed")
 # posterior, as {py:func}`~emcee_femu.predictive_table` does. Its status is "fits",
 # "doubtful" (all is inside, but a parameter is more than four prior standard deviations
 # from its prior mean, as with frequencies in rad/s; the response is the same at all
-# samples; or there was a warning before the run), "at a bound" (a parameter is pressed
-# against one), "does not fit", or "not checked" if data or posterior are unknown, as for
-# plain samplers. One of five values outside its 95 % interval is no cause for alarm. Two
+# samples; modes of the structure have changed places since the prior mean, by the
+# model's own shapes, while frequencies are compared in ascending order; or there was a
+# warning before the run), "at a bound" (a parameter is pressed against one), "does not
+# fit", or "not checked" if data or posterior are unknown, as for plain samplers. One of five values outside its 95 % interval is no cause for alarm. Two
 # are, and so is a single one at four standard deviations. An inferred error more than
 # two prior standard deviations above its prior mean counts as "does not fit" too. Here
 # are the same frequencies in rad/s, a mistake that chains cannot show:
@@ -188,16 +185,10 @@ print(fill(f"Warning: {doubt}", 80), fill(f"Fit: {unfit.sentence}", 80), sep="\n
 # %% [markdown]
 # The warning comes before any sampling: `run` solves the model at the prior mean. If
 # all values of a variable are off to the same side, in the median by more than a factor
-# of 3, there and at 16 draws of the prior, the warning names both numbers.
-#
-# The statement on the fit names one remedy. If the units seem wrong, it asks about them.
-# If a term with five times as many values infers its own error and outvotes the term
-# that does not fit, it advises known standard deviations. If predictions are off by more
-# than a factor of 2, it says that units or the model are wrong. Otherwise it advises an
-# inferred model error, if there is none yet.
-# {py:func}`~emcee_femu.identifiability` says for each parameter whether the data
-# informed it. How often "converged" was right on targets with known answers is on the
-# page [How often is a converged run right?](calibration.md).
+# of 3, there and at 16 draws of the prior, the warning names both numbers. The statement
+# on the fit names one remedy: units, known standard deviations, or an inferred model
+# error. How often "converged" was right on targets with known answers is on the page
+# [How often is a converged run right?](calibration.md).
 #
 # Sources: Beck and Au (2002),
 # [doi:10.1061/(ASCE)0733-9399(2002)128:4(380)](https://doi.org/10.1061/(ASCE)0733-9399(2002)128:4(380));

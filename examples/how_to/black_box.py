@@ -9,8 +9,8 @@
 # ## The program
 #
 # A few lines of Python replace the program here, so that this page runs on every
-# machine: two storeys of 16.5 t and 16.1 t. Like an FE program, it reads `job.inp` and
-# writes `job.dat` in the folder where it is started.
+# machine: two storeys of 16.5 t and 16.1 t, with simulated data. Like an FE program, it
+# reads `job.inp` and writes `job.dat` in the folder where it is started.
 
 # %%
 import subprocess
@@ -71,7 +71,7 @@ model = ef.FunctionModel(solve, n_modes=2)
 posterior = ef.LogPosterior(model, term, prior)
 
 emulated = ef.emulate(posterior, solves=30, seed=1, on_failure="reject")
-run = ef.run(emulated.posterior, steps=300, ensembles=2, seed=1)
+run = ef.run(emulated.posterior, seed=1)
 idata = ef.to_inference_data(run)
 certificate = ef.certify(idata, posterior, 40, seed=1)
 print(f"the program was started {len(starts)} times")
@@ -79,35 +79,23 @@ certificate
 
 # %% [markdown]
 # {doc}`/tutorials/hundred_solves` explains these steps and their output. A program that
-# writes K and M needs no emulator: if functions of the parameters multiply their parts,
-# a solve takes microseconds, without the program ({doc}`/tutorials/large_models`).
+# writes K and M needs no emulator ({doc}`matrices`).
 #
 # ## For daily use
 #
 # [`examples/calculix_program.py`](https://github.com/emcee-femu/emcee_femu/blob/main/examples/calculix_program.py)
 # is that function, to copy, with CalculiX as the program ({doc}`calculix`). It also
-# handles:
+# waits for licences, tells failures of the machine from those of the parameters
+# ({doc}`failing_solves`), and ends all that a start script has started: killing the
+# script alone leaves its solver alive.
 #
-# **Time limit.** Take ten times the longest usual solve, on a machine that is as busy
-# as it will be. A program that waits for its licence would spend the limit on waiting:
-# let it give up at once, and let the driver wait. Killing a start script leaves its
-# solver alive, and `subprocess.run(..., capture_output=True, timeout=60)` then waits
-# for the solver's output. So the driver starts the program in a process group of its
-# own, ends the group, and redirects its output to a file. A run that is itself killed
-# (SIGKILL, out of memory) cannot end its solvers: each finishes its one solve.
-#
-# **Scratch folders.** Each solve gets a new, empty folder, `worker-PID-...`, which is
-# removed after it, also after a failure. Two workers never share one, and an old result
-# is never taken for a new one. `scratch=` says where they are, best on a local disk
-# that is large enough for all workers. When a run stops, workers end in the middle of a
-# solve and leave their folders: use a `tempfile.TemporaryDirectory()` around the run.
-#
-# **Workers.** `workers=4` solves four parameter sets at a time, in four copies of the
-# program with one thread each (`OMP_NUM_THREADS=1`) and four licences. `emulate` asks
-# for as many solves at a time as there are workers, at least for d / 2 + 1; `certify`
-# asks for all of its draws at once.
-#
-# **Failures**: {doc}`failing_solves`.
+# - **Time limit.** Take ten times the longest usual solve, on a machine that is as busy as
+#   it will be.
+# - **Scratch folders.** Put them on a local disk that is large enough for all workers.
+#   When a run stops, workers end in the middle of a solve and leave their folders: use a
+#   `tempfile.TemporaryDirectory()` around the run.
+# - **Workers.** `workers=4` solves four parameter sets at a time, in four copies of the
+#   program with one thread each (`OMP_NUM_THREADS=1`) and four licences.
 
 # %% tags=["remove-cell"]
 assert certificate.short == "certified" and len(starts) <= 1 + 70

@@ -4,7 +4,7 @@
 # Read the modes of a test into {py:class}`~emcee_femu.Measurements`, the one object
 # that terms and pairing take. They come from arrays, a CSV file that you fill in
 # yourself, a universal file of a test system, or an identification by pyOMA2.
-# `python examples/how_to/csv_and_uff.py` runs this page (2 s).
+# `python examples/how_to/csv_and_uff.py` runs this page (2 s). Its numbers are made up.
 #
 # ## From arrays
 #
@@ -62,16 +62,11 @@ read
 # | `damping ratio`, `damping sd` | one | numbers, or percent as `damping [%]`; blank where not known |
 # | `phase collinearity` | one | of shapes that were complex |
 #
-# `sensor` is any name, `dof` the model's number or label. Both stay empty in rows other
-# than shapes, `dof` also in rows `shape sd`. `to_csv(path)` writes such a file with all
-# digits. An unreadable cell raises an error with its line and column. Spreadsheets in
-# languages with decimal commas separate cells by semicolons; this is read too.
-#
-# Usual words in any case are known: `Freq (Hz)`, `f`, `std`, `Damping [%]`, `zeta`.
-#
-# If a sensor was missing in one mode, leave its cell of `shape` blank, or use NaN in an
-# array. That mode is then paired, and compared in a {py:class}`~emcee_femu.ShapeTerm`,
-# at the other sensors. A mode that was not identified has no column.
+# `to_csv(path)` writes such a file with all digits. An unreadable cell raises an error
+# with its line and column. Semicolons with decimal commas, and the usual words in any
+# case (`Freq (Hz)`, `std`, `zeta`), are read too. If a sensor was missing in one mode,
+# leave its cell of `shape` blank, or use NaN in an array: that mode is compared at the
+# other sensors. A mode that was not identified has no column.
 #
 # ## From a universal file
 #
@@ -86,22 +81,11 @@ shapes = {2.35: [0.45, 0.83 + 0.02j, 1.0], 6.62: [1.0, 0.1 - 0.03j, -0.83]}
 nothing = np.zeros(3, dtype=complex)
 for number, (hertz, x) in enumerate(shapes.items()):
     mode = pyuff.prepare_55(
-        id1="Test of a frame",
-        analysis_type=3,  # complex modes of first order
-        data_ch=2,
-        spec_data_type=8,
-        data_type=5,
-        n_data_per_node=3,
-        load_case=1,
-        mode_n=number + 1,
-        r1=np.array(x, dtype=complex),
-        r2=nothing,
-        r3=nothing,
-        node_nums=np.array([1, 2, 3]),
-        eig=2j * np.pi * hertz,
-        modal_a=0j,
-        modal_b=0j,
-    )
+        id1="Test of a frame", analysis_type=3, data_ch=2, spec_data_type=8,
+        data_type=5, n_data_per_node=3, load_case=1, mode_n=number + 1,
+        r1=np.array(x, dtype=complex), r2=nothing, r3=nothing,
+        node_nums=np.array([1, 2, 3]), eig=2j * np.pi * hertz, modal_a=0j, modal_b=0j,
+    )  # fmt: skip
     how = "overwrite" if number == 0 else "add"
     pyuff.UFF(str(folder / "test.uff")).write_sets(mode, how)
 
@@ -113,12 +97,11 @@ from_uff
 
 # %% [markdown]
 # A sensor is a node and a direction, `"2:x"`. Without `sensors=` all are used except
-# those that are zero in all modes, which mark what was not measured; a warning names
-# them. `modes=[2, 3]` reads the second and third mode of the file only: a rigid-body mode
-# at 0 Hz is no measurement. Frequencies are undamped and in Hz whatever the units of the
-# file. Damping is read too. The file holds no standard
-# deviations: give them to the term, `ef.FrequencyTerm(test, relative_sd=0.01)`, or
-# repeat the test, see {doc}`repeated_tests`.
+# those that are zero in all modes; a warning names them. `modes=[2, 3]` reads the second
+# and third mode of the file only. Frequencies are undamped and in Hz whatever the units
+# of the file, which holds no standard deviations: give them to the term,
+# `ef.FrequencyTerm(test, relative_sd=0.01)`, or repeat the test, see
+# {doc}`repeated_tests`.
 #
 # Complex shapes are made real, each by the phase at which its real part is largest. The
 # column MPC, modal phase collinearity, says what this neglects: it is 1 if all sensors
@@ -126,11 +109,8 @@ from_uff
 #
 # ## From pyOMA2
 #
-# `Measurements.from_pyoma2(algorithm.result)` takes frequencies, their standard
-# deviations, damping and shapes after pyOMA2's `mpe`; `modes=[1, 3]` leaves out one that
-# it did not find (NaN). {doc}`ambient_vibration` goes from
-# acceleration records to the posterior, {doc}`/tutorials/modal_test` from a CSV file to
-# the verdict. Frequency response functions come from data sets 58, see {doc}`frf`.
+# `Measurements.from_pyoma2(algorithm.result)`: {doc}`ambient_vibration`. Frequency
+# response functions come from data sets 58, see {doc}`frf`.
 
 # %% tags=["remove-cell"]
 for name in ("frequencies", "sd", "shapes"):

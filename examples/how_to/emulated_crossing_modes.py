@@ -3,7 +3,8 @@
 #
 # Return the mode shapes, declare them, and return a closed set of modes; `emulate` does
 # the rest. This page shows why, and what it gains.
-# `python examples/how_to/emulated_crossing_modes.py` runs it (6 s of processor time).
+# `python examples/how_to/emulated_crossing_modes.py` runs it (6 s of processor time) on
+# made-up data.
 #
 # ## The kink
 #
@@ -49,10 +50,8 @@ _ = axes.legend(loc="upper left")
 # | frequencies and shapes | the entries of A = Q^T Lambda Q and the shapes Phi Q, where Q turns the modes onto reference shapes |
 # | any other real variable | its numbers as they are |
 #
-# Each fit chooses which modes go together: the grouping into neighbours with the
-# smallest error when each solved point is left out in turn. So it chooses whether
-# positive parameters and eigenvalues (Lambda) are seen by their logarithms. Stiffness
-# to some power is then a straight line.
+# Each fit chooses which modes go together, and whether positive parameters and
+# eigenvalues are seen by their logarithms, by leaving out each solved point in turn.
 #
 # ## The model with its shapes
 #
@@ -129,13 +128,8 @@ for name, error in errors.items():
 # structure seven modes were as good as nine. Eight were worse, because the last ones
 # cross modes that are not returned (`examples/benchmarks/few_solves.py` has it).
 #
-# ## The Gaussian processes
-#
-# The Gaussian processes are the package's own. They have a linear trend and one kernel
-# for all outputs, or one for each group of modes if leaving solves out shows that this
-# is better: squared exponential, or Matern's 5/2 where the responses are less smooth;
-# the restricted likelihood chooses. Each parameter has a length of its own.
-# {doc}`/explanation/few_solves_measured` has whole problems.
+# {doc}`/explanation/few_solves_measured` has whole problems, and says what the Gaussian
+# processes are.
 
 # %% tags=["remove-cell"]
 rms = [np.sqrt((error**2).mean()) for error in errors.values()]

@@ -2,8 +2,8 @@
 # # Take a first look, before any sampling
 #
 # Find the maxima of a posterior in a few dozen solves. They show whether model and test
-# fit together, whether there is more than one explanation, and what the data will not
-# tell. `python examples/how_to/first_look.py` runs this page (6 s).
+# fit together, whether there is more than one explanation, and what the data (simulated
+# here) will not tell. `python examples/how_to/first_look.py` runs this page (6 s).
 
 # %%
 import textwrap
@@ -21,14 +21,8 @@ found
 # posterior and fits a Gaussian to each (Laplace's approximation). The weight of a
 # maximum is its share of the evidence. The second maximum is another explanation of the
 # same data; a bound in its row means that a parameter ran into it. The numbers are in
-# `found.maxima`:
-
-# %%
-best = found.maxima[0]
-print(best.theta.round(1))
-print(np.sqrt(np.diag(best.covariance)).round(1))
-
-# %% [markdown]
+# `found.maxima`, as `theta` and `covariance`.
+#
 # ## What the data inform, locally
 #
 # {py:func}`~emcee_femu.identifiability` accepts this result in place of samples. It
@@ -49,27 +43,20 @@ ef.identifiability(found)
 # information as its curvature. A climb ends when less than 0.001 of log-posterior is
 # left to gain. A model with `jacobian` ({doc}`gradients`) takes one solve a step, a
 # black box `d + 1`. A likelihood of unknown form takes `2 d` and, at start and top,
-# `d (d - 1) / 2` for the curvature. With `jacobian` the paper's mass-spring posterior
-# takes some 60 solves; its H structure with precise frequencies, which has five maxima,
-# takes some hundreds. Without `jacobian` they take five to twelve times as many.
-#
-# With `workers=` or `pool=` all climbs advance in one batch. Under
-# `on_failure="reject"`, a start that cannot be solved is dropped and reported.
+# `d (d - 1) / 2` for the curvature. With `workers=` or `pool=` all climbs advance in one
+# batch. Under `on_failure="reject"`, a start that cannot be solved is dropped and
+# reported.
 #
 # ## What it does not say
 #
-# - A maximum that no start leads to is missing. A narrow one may need many starts:
-#   `starts=200`, or starts of your own.
+# - A maximum that no start leads to is missing. A narrow one may need `starts=200`.
 # - Standard deviations and weights are those of Gaussians. `check=100` spends that many
 #   solves on draws from them. Their importance weights (Pareto k, effective share) say
 #   whether the posterior is Gaussian. Here they reveal a banana, of two parameters that
 #   matter only together:
 
 # %%
-model = ef.FunctionModel(
-    lambda p: [np.sqrt(p["a"] ** 2 + p["b"] ** 2)],
-    n_modes=1,
-)
+model = ef.FunctionModel(lambda p: [np.hypot(p["a"], p["b"])], n_modes=1)
 prior = ef.GaussianPrior(["a", "b"], [1, 1], [2, 2], [(0, 9)] * 2)
 term = ef.FrequencyTerm([3.0], relative_sd=0.01)
 banana = ef.find_map(ef.LogPosterior(model, term, prior), seed=1, check=100)

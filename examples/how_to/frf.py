@@ -5,8 +5,8 @@
 # without identifying modes first, and infer the damping too.
 # `python examples/how_to/frf.py` runs this page (4 s).
 #
-# A hammer or shaker test gives FRFs: response over force. Here a three-storey frame is
-# excited at the roof and measured at the roof and the first floor.
+# A hammer or shaker test gives FRFs: response over force. Here a simulated three-storey
+# frame is excited at the roof and measured at the roof and the first floor.
 #
 # ## The model
 #
@@ -40,13 +40,7 @@ modal = ef.MatrixModel(
     n_modes=3,
     shapes={"first": 0, "second": 1, "roof": 2},
 )
-model = ef.frf.FRFModel(
-    modal,
-    LINES,
-    CHANNELS,
-    damping="damping",
-    kind="accelerance",
-)
+model = ef.frf.FRFModel(modal, LINES, CHANNELS, damping="damping", kind="accelerance")
 
 # %% [markdown]
 # Modes that are left out add a constant flexibility below their frequencies; with
@@ -55,14 +49,15 @@ model = ef.frf.FRFModel(
 #
 # ## The measurement
 #
-# {py:class}`~emcee_femu.frf.FRFMeasurements` holds receptance (displacement over force),
-# mobility (velocity) or accelerance (acceleration), each channel a pair (response DOF,
-# excitation DOF). `FRFMeasurements.from_uff("test.uff", averages=20)` reads data sets 58 of
-# universal files, text or binary, with the coherence; `between=(low, high)` takes a part
-# of the lines, and `kind="mobility"` says what a file leaves open (analysers may write the
-# type of the ordinate as unknown). A line at 0 Hz, where analysers begin, is left out with
-# a warning, and values come in SI. A channel such as `("2:-ux", "7:uz")` is measured
-# against an axis: its sign is turned. Here a test of 20 averages is simulated:
+# {py:class}`~emcee_femu.frf.FRFMeasurements` holds receptance (displacement over
+# force), mobility (velocity) or accelerance (acceleration), each channel a pair
+# (response DOF, excitation DOF). `FRFMeasurements.from_uff("test.uff", averages=20)`
+# reads data sets 58 of universal files, text or binary, with the coherence;
+# `between=(low, high)` takes a part of the lines, and `kind="mobility"` says what a
+# file leaves open (analysers may write the type of the ordinate as unknown). A line at
+# 0 Hz, where analysers begin, is left out with a warning, and values come in SI. A
+# channel such as `("2:-ux", "7:uz")` is measured against an axis: its sign is turned.
+# Here a test of 20 averages is simulated:
 
 # %%
 truth = {"k1": 2.2, "k2": 1.9, "k3": 2.0, "damping": 0.012}
@@ -93,14 +88,10 @@ measured = ef.frf.FRFMeasurements(
 # amplitude.
 
 # %%
-prior = ef.GaussianPrior(
-    ["k1", "k2", "k3", "damping"],
-    [2.0, 2.0, 2.0, 0.02],
-    [0.3, 0.3, 0.3, 0.01],
-    bounds=[(1, 3), (1, 3), (1, 3), (0.001, 0.1)],
-)
+bounds = [(1, 3), (1, 3), (1, 3), (0.001, 0.1)]
+prior = ef.GaussianPrior([*truth], [2, 2, 2, 0.02], [0.3, 0.3, 0.3, 0.01], bounds)
 posterior = ef.LogPosterior(model, ef.frf.FRFTerm(measured), prior)
-run = ef.run(posterior, steps=150, ensembles=2, seed=1)
+run = ef.run(posterior, seed=1)
 idata = ef.to_inference_data(run)
 ef.parameter_table(idata, true=truth)
 
@@ -112,13 +103,8 @@ ef.frf.plot_frf(idata, posterior)
 # stiffness and their width the damping. A run needs no more lines than these.
 #
 # FRFs are large, so they are not stored with each sample; the natural frequencies and
-# damping ratios of the modes are. `stored=True` stores all. One sample of 4 channels of
-# 400 lines would take:
-
-# %%
-print(f"{4 * 400 * np.dtype(complex).itemsize / 1e3:.0f} kB")
-
-# %% [markdown]
+# damping ratios of the modes are. `stored=True` stores all.
+#
 # **Limits.** Damping is modal, with real shapes: nonproportional damping needs complex
 # modes, which the package does not have. Estimates of one test share errors that no
 # coherence shows: the mass of the accelerometer, a tilted hammer, leakage where a

@@ -3,10 +3,9 @@
 #
 # Every figure of the package, with the line that draws it. `python
 # examples/how_to/gallery.py` runs this page (40 s). Each function returns a matplotlib
-# figure: save it with `figure.savefig("name.pdf")`. {doc}`tables_and_figures` explains
-# what they show.
+# figure: save it with `figure.savefig("name.pdf")`. {doc}`report` explains more.
 #
-# The structure is a shear building of three storeys with two measured modes.
+# The structure is a simulated shear building of three storeys with two measured modes.
 
 # %%
 import numpy as np

@@ -3,7 +3,7 @@
 #
 # Pass the derivatives of an FE program to the posterior, so that its gradient costs one
 # solve, and see what happens without them. `python examples/how_to/gradients.py` runs
-# this page (2 s).
+# this page (2 s). The data are made up.
 #
 # Searches for maxima ({doc}`first_look`), `"auto"`, and
 # {py:class}`~emcee_femu.moves.HamiltonianMove` for ten parameters and more use
@@ -34,12 +34,7 @@ def solve_with_derivatives(p):  # and {variable: {parameter: array}}
 
 
 model = ef.FunctionModel(solve, n_modes=1, jacobian=solve_with_derivatives)
-prior = ef.GaussianPrior(
-    ["k", "m"],
-    [40.0, 0.1],
-    [8.0, 0.01],
-    [(10, 90), (0.05, 0.2)],
-)
+prior = ef.GaussianPrior(["k", "m"], [40, 0.1], [8, 0.01], [(10, 90), (0.05, 0.2)])
 term = ef.FrequencyTerm([3.2], relative_sd=0.01)
 posterior = ef.LogPosterior(model, term, prior)
 
@@ -72,10 +67,8 @@ differences = plain.gradient(theta)[1]
 print(f"largest difference {np.abs(differences - gradient).max():.0e}")
 
 # %% [markdown]
-# No difference is taken across a bound. The steps, 3e-5 of the prior's width, suit
-# solvers with frequencies good to nine digits or more. Searches for maxima use
-# one-sided differences, `d + 1` solves, and steps 100 times as wide, for which six
-# digits are enough.
+# No difference is taken across a bound. The steps suit solvers with frequencies good to
+# nine digits or more; searches for maxima need six.
 #
 # ## Models, terms and priors of your own
 #
@@ -91,17 +84,15 @@ print(f"largest difference {np.abs(differences - gradient).max():.0e}")
 # ## The models of this package
 #
 # All models of this package have derivatives, reduced ones too, and so has a
-# {py:class}`~emcee_femu.PairedModel` of any model that has them. Those of frequencies
-# and shapes are exact for every parameter, even masses and products such as E A. They
-# cost one to two solves with vectors (for sparse matrices, shapes cost one more
-# factorisation for each mode): `model.jacobian({"k": np.array([9.0])})`.
+# {py:class}`~emcee_femu.PairedModel` of any model that has them; it keeps the pairing
+# fixed, because it changes in steps. Those of frequencies and shapes are exact for every
+# parameter and cost one to two solves with vectors: `model.jacobian({"k":
+# np.array([9.0])})`.
 #
-# Where modes coincide, sorted frequencies have a kink: a `ValueError` names the modes
-# and the parameter that separates them. In a building that is the same in both
-# directions, no parameter does. Frequencies then have derivatives. The derivatives of
-# the shapes are those without a rotation within the space that the two modes span. A
-# `PairedModel` keeps the pairing fixed, because it changes in steps, and differentiates
-# everything else: frequencies, shapes, MAC, and the blending of close modes.
+# Where modes coincide, sorted frequencies have a kink: a `ValueError` names the modes and
+# the parameter that separates them. In a building that is the same in both directions, no
+# parameter does. Frequencies then have derivatives, and those of the shapes are without a
+# rotation within the space that the two modes span.
 
 # %% tags=["remove-cell"]
 assert posterior.differentiable and not plain.differentiable

@@ -8,7 +8,7 @@
 # it. `python examples/how_to/hamiltonian.py` runs this page in some 5 s.
 #
 # A ten-storey tower has a weak fourth storey; five frequencies and shapes at every
-# second floor are measured:
+# second floor are measured (all simulated):
 
 # %%
 import numpy as np

@@ -4,7 +4,7 @@
 # Read K and M from the files of CalculiX, Abaqus, Nastran, ANSYS or any other program,
 # and give their rows the names of the test's sensors. The model made from them solves
 # thousands of parameter sets without the program. `python examples/how_to/matrices.py`
-# runs this page (2 s).
+# runs this page (2 s). Its numbers are made up.
 #
 # {py:func}`~emcee_femu.read_matrices` reads what a program exports, and
 # {py:meth}`MatrixModel.from_differences <emcee_femu.MatrixModel.from_differences>`
@@ -79,13 +79,7 @@ mmwrite(folder / "M.mtx", M, symmetry="symmetric")
 rows = folder / "rows.txt"
 rows.write_text("1.1\n2.1\n3.1\n")
 
-base = ef.read_matrices(
-    {
-        "K": folder / "K.mtx",
-        "M": folder / "M.mtx",
-        "dofs": rows,
-    }
-)
+base = ef.read_matrices({"K": folder / "K.mtx", "M": folder / "M.mtx", "dofs": rows})
 print(base)
 
 # %% [markdown]
@@ -97,11 +91,7 @@ print(base)
 # %%
 print(base.dofs("node 3 x"), base.dofs(["3:ux", "1:ux"]))
 test = ef.Measurements(
-    [2.6, 8.2],
-    sd=[0.02, 0.05],
-    shapes=[[1.0, -0.8], [0.5, 1.0]],
-    sensors=["roof", "floor 1"],
-    dofs=["3:ux", "1:ux"],
+    [2.6, 8.2], sd=[0.02, 0.05], shapes=[[1.0, -0.8], [0.5, 1.0]], dofs=["3:ux", "1:ux"]
 )
 changed = {
     2.0: ef.read_matrices({"K": folder / "K2.mtx", "dofs": rows}),
@@ -123,10 +113,7 @@ paired({"columns": [0.6, 1.0]}).frequencies.round(3)  # two parameter sets
 # used. If K is not a polynomial of a parameter, the error says how far it is off.
 #
 # Moduli, densities, areas and springs are linear and need one export, better two. A
-# plate's thickness (t and t³) needs three. Parameters that multiply each other, such as
-# E and I of the same member, cannot be found from exports in which one is changed. If
-# you have the parts, say what multiplies them: `MatrixModel(K0, M0, K={"bending": (K3,
-# lambda E, t: E * t**3)}, n_modes=3)`.
+# plate's thickness (t and t³) needs three.
 #
 # A matrix counts as unchanged below 1e-9 of its diagonal. Rounding errors in other
 # entries, below 1e-12, are dropped, so that $K_j$ has entries only where the parameter
@@ -137,35 +124,53 @@ paired({"columns": [0.6, 1.0]}).frequencies.round(3)  # two parameter sets
 # ({doc}`/tutorials/large_models`). {doc}`calculix` goes from the program to the
 # posterior.
 #
+# ## What multiplies a matrix
+#
+# Parameters that multiply each other cannot be found from exports in which one is
+# changed. If you have the parts, say what multiplies each: the bending stiffness of a
+# plate grows with $E t^3$ and its mass with t. The arguments of a function are
+# parameters. It is called with all walkers at once, and its derivatives take no solve.
+# Here the matrices above stand for those of a plate, with a shaker of known mass:
+
+# %%
+plate = ef.MatrixModel(
+    np.zeros((3, 3)),
+    np.diag([0.0, 0.0, 4e3]),  # kg
+    K={"bending": (base.K.toarray(), lambda E, t: E * t**3)},
+    M={"plate": (M.toarray(), lambda t: t)},
+    n_modes=3,
+)
+print(plate.names, plate({"E": [1.0, 1.0], "t": [1.0, 1.1]}).frequencies.round(2))
+
+# %% [markdown]
+# Without the shaker all frequencies would be proportional to $t \sqrt{E / \rho}$, and no
+# test could tell E from t; {doc}`/tutorials/what_is_learned` shows how to see that before
+# a test. If K is not a sum of given matrices (the place of a spring), use
+# {py:class}`~emcee_femu.AssembledModel`, a function from one parameter set to K and M.
+#
 # ## What to know of each program
 #
 # - **CalculiX** leaves out held DOFs. It makes beams and shells into bricks, so a node
 #   becomes several. Such a name raises an error that lists its rows; choose one, as in
 #   `shapes={"12:uz": 40}`. Elements with reduced integration (C3D20R, C3D8I, and so
 #   beams and shells) have a singular mass, which sparse models accept. A single row of
-#   C3D20R bricks is singular in K too, and is refused: use C3D20. A sector of a cyclic
-#   symmetry is complex and refused.
+#   C3D20R bricks is singular in K too, and is refused: use C3D20.
 # - **Abaqus** numbers inner nodes below zero (`base.dofs("-3:ux")`), and puts 1e36 on the
 #   diagonal of held DOFs, which are left out. With FORMAT=COORDINATE there are no labels,
 #   and held rows are refused.
 # - **Nastran** writes the a-set in the displacement coordinate systems of its grid
-#   points, with ten digits in a punch file. A punch file has no end mark: a truncated
-#   one is refused, or gives a warning, if it misses whole grid points; compare the
+#   points, with ten digits in a punch file. A punch file has no end mark: compare the
 #   total mass. Names that begin with K and M (KAAX, MAAX) are taken for them. If there
-#   are several, give `{"KAA": path, "MAA": path}` and take `base.matrices["KAA"]`. A
-#   name that stands twice in a file is refused: export each to a file of its own.
+#   are several, give `{"KAA": path, "MAA": path}` and take `base.matrices["KAA"]`.
 #   Binary OP4 is refused: write it FORMATTED.
 # - **ANSYS** `.full` files are read by PyMAPDL-Reader, which runs with NumPy 2 from
 #   version 0.56 and installs VTK.
 #
-# Results agree with the programs' own frequencies: CalculiX 2.20 (six modes each of a
-# beam of C3D20 bricks, clamped and free, of B31, B32 and B32R beams, S4, S8 and S8R
-# shells: to 4 decimals, and the bricks again after changes of E and density by 30 %
-# through `from_differences`), MSC Nastran 2013 (a public punch file with its
-# eigenvalues: all 7 printed digits), ANSYS 15 (the clamped beam that comes with the
-# reader: its torsion and axial modes are half of those of the same beam, free, to about
-# 1 %). Readers of Abaqus files, of OP4 and of Harwell-Boeing are tested on files written
-# by their published formats, the last against `scipy.io.hb_read` too.
+# Results agree with the programs' own frequencies: CalculiX 2.20 (beams and shells, to 4
+# decimals, and after changes of E and density by 30 % through `from_differences`), MSC
+# Nastran 2013 (a public punch file with its eigenvalues: all 7 printed digits), ANSYS 15
+# (the clamped beam that comes with the reader, to about 1 %). Readers of Abaqus files, of
+# OP4 and of Harwell-Boeing are tested on files written by their published formats.
 
 # %% tags=["remove-cell"]
 from scipy.linalg import eigh
@@ -175,3 +180,7 @@ exact = np.sqrt(eigh(3e7 * K, M.toarray(), eigvals_only=True)) / (2 * np.pi)
 found = paired({"columns": [0.6, 1.0]}).frequencies
 np.testing.assert_allclose(found[0], exact[:2], rtol=1e-9)
 assert list(base.dofs(["3:ux", "1:ux"])) == [2, 0]
+K, m = base.K.toarray() * 1.1**3, 1.1 * M.toarray() + np.diag([0.0, 0.0, 4e3])
+exact = np.sqrt(eigh(K, m, eigvals_only=True)) / (2 * np.pi)
+thicker = plate({"E": np.ones(1), "t": np.array([1.1])})
+np.testing.assert_allclose(thicker.frequencies[0], exact, rtol=1e-9)

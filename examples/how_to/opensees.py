@@ -5,11 +5,11 @@
 # in the loop. `python examples/how_to/opensees.py` runs this page (3 s); it takes
 # `pip install "emcee_femu[opensees]"`.
 #
-# A frame of two storeys and one bay is updated from four measured frequencies, with
-# three factors: on the stiffness of the lower columns, of the upper columns and of the
-# beams. OpenSees assembles its matrices for four parameter sets, and the sampler works
-# with these. {py:func}`~emcee_femu.from_opensees` reads K, M and the name of every row
-# from the model that is currently in OpenSees.
+# A frame of two storeys and one bay is updated from four measured frequencies
+# (simulated here), with three factors: on the stiffness of the lower columns, of the
+# upper columns and of the beams. OpenSees assembles its matrices for four parameter
+# sets, and the sampler works with these. {py:func}`~emcee_femu.from_opensees` reads K,
+# M and the name of every row from the model that is currently in OpenSees.
 
 # %%
 import ctypes
@@ -94,11 +94,10 @@ def add_floor(ops, floor, columns, beams):
 # The integrator `GimmeMCK` with the system `FullGeneral` gives the matrices;
 # {py:func}`~emcee_femu.from_opensees` calls them.
 #
-# - **Supports and ties.** The handler Transformation removes fixed DOFs, and those tied
-#   by equalDOF or rigidDiaphragm, from the equations. (Penalty would add huge numbers
-#   to K, and Lagrange rows.) A tied direction has no row of its own: a sensor there
-#   reads the row of the master, here `"11:ux"` for all of the first floor. Nodes tied
-#   twice, or to a tied node, are refused, since OpenSees treats them wrongly.
+# - **Supports and ties.** Fixed DOFs, and those tied by equalDOF or rigidDiaphragm, have
+#   no row: a sensor there reads the row of the master, here `"11:ux"` for all of the first
+#   floor. Nodes tied twice, or to a tied node, are refused, since OpenSees treats them
+#   wrongly.
 # - **Rows** are named by node and direction, `"12:uy"`: `base.dofs("12:uy")` is a row, and
 #   `shapes=base.sensors(["11:ux", "21:ux"])` asks for shapes at sensors.
 # - **Mass.** `print(base)` shows the mass that moves along each axis; compare it with
@@ -112,16 +111,12 @@ def assemble(ops, theta):
 
 
 # %% [markdown]
-# ## The split
+# ## The split, and the update
 #
 # $K = K_0 + \sum_j \theta_j K_j$: {py:meth}`MatrixModel.from_differences
 # <emcee_femu.MatrixModel.from_differences>` makes the parts from one assembly with all
-# factors 1 and one per group doubled. What belongs to no group, such as springs,
-# remains in $K_0$. It fails if K is not linear in the parameter: PDelta and
-# Corotational transformations under load, the depth of a section, the thickness of a
-# plate. The eigensolver of OpenSees, called at a random θ, verifies the split. The
-# remaining cells are inside `if __name__ == "__main__":`, so that the functions above
-# can be imported without OpenSees.
+# factors 1 and one per group doubled. It fails if K is not linear in the parameter: the
+# depth of a section, PDelta under load.
 
 
 # %%
@@ -132,6 +127,16 @@ def frequencies(ops, theta):  # in Hz, by OpenSees
     return np.sqrt(ops.eigen("-genBandArpack", N_MODES)) / (2 * np.pi)
 
 
+# %% [markdown]
+# The measured frequencies are simulated: those of OpenSees at true factors, with 0.5 %
+# of noise. At these factors the model must have the same frequencies, which verifies
+# the split. A real structure also deviates from its model:
+# `ef.FrequencyTerm(..., discrepancy="model error")`, see
+# {doc}`/tutorials/noise_and_model_error`. The cell is inside
+# `if __name__ == "__main__":`, so that the functions above can be imported without
+# OpenSees.
+
+# %%
 if __name__ == "__main__":
     ops, names, rng = load_opensees(), list(TRUTH), np.random.default_rng(1)
     ones = dict.fromkeys(names, 1.0)
@@ -140,42 +145,26 @@ if __name__ == "__main__":
     print(base)
     print("the first rows are", *base.labels[:4])
     model = ef.MatrixModel.from_differences(base, doubled, n_modes=N_MODES)
-    prior = ef.GaussianPrior(names, [1.0] * 3, 0.2, [(0.4, 1.6)] * 3)
-    random = dict(zip(names, prior.sample(rng, 1).T, strict=True))
-    theirs = frequencies(ops, {name: float(x[0]) for name, x in random.items()})
-    gap = np.abs(model(random).frequencies[0] / theirs - 1).max()
+    exact = frequencies(ops, TRUTH)
+    found = model({name: np.array([x]) for name, x in TRUTH.items()}).frequencies[0]
+    gap = np.abs(found / exact - 1).max()
     print(f"frequencies: off by {gap:.0e} from those of OpenSees")
-
-# %% [markdown]
-# ## The update
-#
-# The measured frequencies are simulated: those of OpenSees at true factors, with 0.5 %
-# of noise. A real structure also deviates from its model:
-# `ef.FrequencyTerm(..., discrepancy="model error")`, see
-# {doc}`/tutorials/noise_and_model_error`. The run is short, for this page; a study uses
-# `ensembles=4` and checks {py:func}`~emcee_femu.diagnose`.
-
-# %%
-if __name__ == "__main__":
-    noise = 1 + NOISE * rng.standard_normal(N_MODES)
-    measured = frequencies(ops, TRUTH) * noise
+    measured = exact * (1 + NOISE * rng.standard_normal(N_MODES))
     term = ef.FrequencyTerm(measured, relative_sd=NOISE)
-    posterior = ef.LogPosterior(model, term, prior)
-    run = ef.run(posterior, steps=400, ensembles=1, seed=1)
+    prior = ef.GaussianPrior(names, [1.0] * 3, 0.2, [(0.4, 1.6)] * 3)
+    run = ef.run(ef.LogPosterior(model, term, prior), seed=1)
     idata = ef.to_inference_data(run)
-    print(ef.parameter_table(idata, true=TRUTH))
-    print(ef.frequency_table(idata, posterior))
+    print(ef.parameter_table(idata, true=TRUTH), ef.frequency_table(run), sep="\n\n")
+    print(ef.diagnose(run).verdict)
 
 # %% [markdown]
 # ## DOFs without mass
 #
 # `mass(node, m, m, 0.)` alone leaves the rotations massless. The model then works with
-# sparse matrices, one parameter set after another, and takes up to forty times as long
-# if it is small. Here the elements have a consistent mass (`-mass`, `-cMass`). In a
-# lumped model, give each rotation the inertia $m r^2$ of a radius r that is small
-# against the structure, such as 1 cm. Static condensation does not help:
-# $K_{aa} - K_{ab} K_{bb}^{-1} K_{ba}$ is not affine in θ, so it must be repeated at
-# each θ, say in a {py:class}`~emcee_femu.FunctionModel`.
+# sparse matrices, and takes up to forty times as long if it is small. Here the elements
+# have a consistent mass (`-mass`, `-cMass`). In a lumped model, give each rotation the
+# inertia $m r^2$ of a radius r that is small against the structure, such as 1 cm. Static
+# condensation does not help: the condensed matrix is not affine in θ.
 
 # %% tags=["remove-cell"]
 if __name__ == "__main__":

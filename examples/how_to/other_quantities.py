@@ -11,8 +11,8 @@
 # and the figures.
 #
 # Here the deflections of a cantilever under a load at its tip determine its bending
-# stiffness. (For linear static tests there are a model and a term already:
-# {doc}`static_test`.)
+# stiffness; they are made up. (For linear static tests there are a model and a term
+# already: {doc}`static_test`.)
 
 # %%
 import numpy as np
@@ -49,8 +49,8 @@ class StaticTerm:
 
 prior = ef.IndependentPrior({"EI": stats.lognorm(0.3, scale=1_000)})
 posterior = ef.LogPosterior(cantilever, StaticTerm(), prior)
-run = ef.run(posterior, steps=300, ensembles=2, seed=1)
-idata = ef.to_inference_data(run)  # "auto" dropped its burn-in
+run = ef.run(posterior, seed=1)
+idata = ef.to_inference_data(run)
 ef.parameter_table(idata)
 
 # %%
@@ -61,8 +61,8 @@ ef.figures.plot_predictive(idata)
 
 # %% [markdown]
 # A solver that takes one parameter set at a time becomes a model by
-# `ef.FunctionModel(function, variables=StaticTerm.reads)`, which declares what it returns;
-# the labels of the points are those that the term reads.
+# `ef.FunctionModel(function, variables=StaticTerm.reads)`, which declares what it
+# returns; the labels of the points are those that the term reads.
 #
 # All optional attributes of models and terms are listed in
 # {doc}`/reference/contracts`. With `deviations`, for Gaussian errors, `arviz.loo`

@@ -5,8 +5,8 @@
 # with the scatter of the tests as its error, covariance included.
 # `python examples/how_to/repeated_tests.py` runs this page (3 s).
 #
-# Six tests of a frame on six days; the frequencies of a day rise and fall together,
-# since temperature changes all of them.
+# Six tests of a frame on six days (made-up numbers); the frequencies of a day rise and
+# fall together, since temperature changes all of them.
 
 # %%
 import textwrap
@@ -72,9 +72,10 @@ except ValueError as error:
 #
 # ## In a posterior
 #
-# {py:class}`~emcee_femu.FrequencyTerm` uses the covariance, {py:class}`~emcee_femu.ShapeTerm`
-# the scatter of the shapes, sensor by sensor; `ef.ShapeTerm(test, delta=0.02)` would take
-# one number in its place, relative to a shape of unit length.
+# {py:class}`~emcee_femu.FrequencyTerm` uses the covariance,
+# {py:class}`~emcee_femu.ShapeTerm` the scatter of the shapes, sensor by sensor;
+# `ef.ShapeTerm(test, delta=0.02)` would take one number in its place, relative to a
+# shape of unit length.
 
 # %%
 storeys = {  # of 1 MN/m
@@ -82,18 +83,12 @@ storeys = {  # of 1 MN/m
     "k2": 1e6 * np.array([[1.0, -1.0], [-1.0, 1.0]]),
 }
 masses = np.diag([12e3, 9e3])  # kg
-model = ef.MatrixModel(
-    np.zeros((2, 2)),
-    masses,
-    storeys,
-    n_modes=2,
-    shapes=[0, 1],
-)
+model = ef.MatrixModel(np.zeros((2, 2)), masses, storeys, n_modes=2, shapes=[0, 1])
 terms = [ef.FrequencyTerm(test), ef.ShapeTerm(test)]
 stiffness = stats.lognorm(0.3, scale=7.0)  # MN/m
 prior = ef.IndependentPrior(dict.fromkeys(storeys, stiffness))
 posterior = ef.LogPosterior(model, terms, prior)
-run = ef.run(posterior, steps=200, ensembles=2, seed=1)
+run = ef.run(posterior, seed=1)
 idata = ef.to_inference_data(run)
 ef.parameter_table(idata)
 

@@ -43,7 +43,7 @@ terms = [ef.FrequencyTerm(test, relative_sd=0.01), ef.ShapeTerm(test, delta=0.05
 prior = ef.GaussianPrior([*truth], [2.1e11] * 2, 2e10, [(1e11, 3e11)] * 2)
 units = dict.fromkeys(truth, "N/m^2")
 posterior = ef.LogPosterior(ef.PairedModel(mast, test), terms, prior, units)
-run = ef.run(posterior, steps=150, ensembles=2, seed=1)
+run = ef.run(posterior, seed=1)
 
 # %% [markdown]
 # {py:func}`~emcee_femu.report` takes the run. Give units to the posterior and sensor
@@ -82,14 +82,44 @@ Page(f'<div><iframe title="The report" srcdoc="{page}" style="{style}"></iframe>
 
 # %% [markdown]
 # The file ends with the call that writes it again. For saved samples, as by
-# `idata.to_netcdf`, write `ef.report(idata, "mast.html", posterior=posterior)`. Without
-# `posterior=` the report lacks the likelihood in words and the figures of mode shapes,
-# which need model and terms. Mode shapes are drawn if the model has a geometry, as a
-# frame does; to others give one, `model.geometry = ef.Geometry(...)`, before pairing. A chain with burn-in needs `discard=`, as in
-# {py:func}`~emcee_femu.to_inference_data`. Results of {py:func}`~emcee_femu.certify`
-# and {py:func}`~emcee_femu.pool_tests` have reports, too.
+# `idata.to_netcdf`, write `ef.report(idata, "mast.html", posterior=posterior)`: the
+# likelihood in words and the mode shapes need the model. To a model without a geometry
+# give one before pairing, `model.geometry = ef.Geometry(...)`. Results of
+# {py:func}`~emcee_femu.certify` and {py:func}`~emcee_femu.pool_tests` have reports, too.
 #
-# For single tables and figures in your own document, see {doc}`tables_and_figures`.
+# ## Tables and figures in your own document
+#
+# A table prints itself, rounded; `to_frame` has all digits, and pandas writes CSV, LaTeX
+# or Markdown. `table.column("mean")` is one column. {doc}`/start/reading` defines the
+# columns. `true=` adds known values and the errors against them.
+
+# %%
+frame = ef.parameter_table(run, true=truth).to_frame()
+frame.to_csv(path.with_name("parameters.csv"), index=False)
+print(frame[["parameter", "mean", "sd/prior sd"]].to_latex(index=False))
+
+# %% [markdown]
+# Each function of `ef.figures` returns a matplotlib figure, with the units of the
+# posterior ({doc}`gallery`). You can change its axes, and save it for print; text stays
+# text. `truths=` marks values in blue, `var_names=` chooses the parameters, and a
+# quantity that you write into the ArviZ object is one of them:
+
+# %% mystnb={"image": {"alt": "Histograms and scatter of the modulus of the lower half and of its ratio to that of the upper half"}}
+idata = ef.to_inference_data(run)
+samples = idata["posterior"]
+samples["lower / upper"] = samples["E lower"] / samples["E upper"]
+figure = ef.figures.plot_scatter(idata, var_names=["E lower", "lower / upper"])
+figure.savefig(path.with_name("scatter.pdf"), bbox_inches="tight")
+figure
+
+# %% [markdown]
+# If samples are not Gaussian, the smallest regions that hold 95 % and 50 % of them
+# replace the ellipse. In {py:func}`~emcee_femu.figures.plot_mac` a number near 1 outside
+# the frames means that these sensors cannot distinguish two modes.
+#
+# Save the samples with `idata.to_netcdf("run.nc")`, and read them with
+# `arviz.from_netcdf`: tables and figures can be made again without a solve.
+# ({doc}`with_arviz` has more; ArviZ 1 needs `pip install h5netcdf h5py` for this.)
 
 # %% tags=["remove-cell"]
 page = path.read_text(encoding="utf-8")
@@ -103,3 +133,5 @@ for name, low, high in zip(
 ):
     width = high - low
     assert low - width < truth[name] < high + width
+assert list(frame.columns) == list(ef.parameter_table(run, true=truth).columns)
+assert path.with_name("scatter.pdf").stat().st_size > 10_000

@@ -2,7 +2,8 @@
 # # Combine a static and a modal test
 #
 # Update one model from deflections under known loads and from natural frequencies
-# together. `python examples/how_to/static_test.py` runs this page (4 s).
+# together. `python examples/how_to/static_test.py` runs this page (4 s) on made-up
+# tests.
 #
 # Frequencies determine stiffness over mass, deflections under known loads stiffness
 # alone. Neither test determines the mass; both together do.
@@ -44,13 +45,7 @@ gauges = ef.DisplacementTerm(  # mm
     cases=["roof", "both"],
     points=["floor", "roof"],
 )
-modal = ef.MatrixModel(
-    NONE,
-    NONE,
-    {"k": 1e6 * STOREYS},
-    {"m": 1e3 * FLOORS},
-    n_modes=2,
-)
+modal = ef.MatrixModel(NONE, NONE, {"k": 1e6 * STOREYS}, {"m": 1e3 * FLOORS}, n_modes=2)
 frequencies = ef.FrequencyTerm([6.03, 15.75], relative_sd=0.005)
 prior = ef.IndependentPrior(
     {"k": stats.lognorm(0.5, scale=50), "m": stats.lognorm(0.5, scale=15)}
@@ -74,7 +69,7 @@ print(textwrap.fill(one.findings[-1], 80))
 posterior = ef.LogPosterior.joint(
     {"static": (static, gauges), "modal": (modal, frequencies)}, prior
 )
-run = ef.run(posterior, steps=300, ensembles=2, seed=1)
+run = ef.run(posterior, seed=1)
 idata = ef.to_inference_data(run)
 ef.parameter_table(idata)
 

@@ -5,9 +5,10 @@
 # move connects the modes. This page helps to choose such a move.
 # `python examples/how_to/tempering.py` runs this page in some 5 s.
 #
-# For two storeys of equal mass, both frequencies were measured, but no shape. The
-# stiffnesses k1 of the ground storey and k2 of the upper one give the same frequencies
-# as 2 k2 and k1 / 2. So the soft storey may be the upper or the lower one:
+# For two storeys of equal mass, both frequencies were measured (here they are
+# computed), but no shape. The stiffnesses k1 of the ground storey and k2 of the upper
+# one give the same frequencies as 2 k2 and k1 / 2. So the soft storey may be the upper
+# or the lower one:
 
 # %%
 import numpy as np
@@ -40,7 +41,7 @@ def shares(run, discard=100):  # of a stiff ground storey, by ensemble
 # choice, as always:
 
 # %%
-auto = ef.run(posterior, steps=200, seed=1)
+auto = ef.run(posterior, seed=1)
 print("auto ", shares(auto, 0))
 
 # %% [markdown]
@@ -89,14 +90,9 @@ bridged = ef.log_evidence(auto)
 print(bridged)
 
 # %% [markdown]
-# The figure shows both modes, as the smallest regions that hold 95 % and 50 % of the
-# samples. A mean and a standard deviation do not describe such a posterior: report the
-# modes one by one.
-
-# %% mystnb={"image": {"alt": "Scatter of ground and upper stiffness: two separate small clouds, a stiff storey on a soft one, and a soft one on a stiff one"}}
-ef.figures.plot_scatter(idata)
-
-# %% [markdown]
+# A mean and a standard deviation do not describe such a posterior: report the modes one
+# by one.
+#
 # - Conversion, tables, figures and `diagnose` use only the cold walkers.
 # - `nwalkers` counts all blocks together, a multiple of the number of betas; the
 #   default is as many for each as `run` would take.
@@ -105,6 +101,29 @@ ef.figures.plot_scatter(idata)
 #   `problems` has the reason.
 # - [The verdict](../explanation/verdict.py) says how several modes affect a verdict,
 #   [model classes](../tutorials/model_classes.py) how to compare evidences.
+#
+# ## A population in one call: TMCMC
+#
+# {py:func}`~emcee_femu.anneal` moves a population from the prior through rising powers of
+# the likelihood (Ching and Chen, 2007), and gives the evidence. Each power is chosen so
+# that the weights have a coefficient of variation of 1. The whole population is one batch
+# for `workers=`; tables and figures accept it like chains:
+
+# %%
+population = ef.anneal(posterior, 1_000, seed=1)
+print(population)
+ef.parameter_table(ef.to_inference_data(population, posterior))
+
+# %% [markdown]
+# A population is not a chain: there is no R-hat. Compare runs of several seeds instead.
+# **A region that no early member came near is not found**, and the standard error does
+# not include it: a narrow mode in a wide prior needs a search, `find_map` or `"auto"`.
+# [Moves measured](../explanation/moves_measured.md#tmcmc-how-many-members) has figures.
+#
+# No error of the evidence is claimed if the last proposals, fitted to the population,
+# have heavy-tailed weights, or if their mean weight, a second estimate of the evidence,
+# differs from the first by more than 2.5 standard errors; `problems` says why. Another
+# seed, or a larger size, may have an error then.
 
 # %% tags=["remove-cell"]
 cold = idata.posterior["ground"].values
@@ -116,3 +135,10 @@ gap = abs(bridged.log_evidence - evidence.log_evidence)
 assert gap < 4 * np.hypot(bridged.log_evidence_error, evidence.log_evidence_error)
 assert evidence.overlaps.min() > 0.1  # its chains are short: it claims no error
 assert np.std(shares(auto, 0)) < 0.05
+assert abs((population.theta[:, 0] > 120).mean() - exact) < 0.12
+gap = population.log_evidence - bridged.log_evidence
+assert not population.problems
+assert abs(gap) < 4 * np.hypot(
+    population.log_evidence_error, bridged.log_evidence_error
+)
+assert ef.diagnose(population).chains.status == "none"

@@ -8,7 +8,7 @@
 #
 # ## The function
 #
-# Here a straight line is fitted to 20 points, with an error of unknown size. What the
+# Here a line is fitted to 20 simulated points, with an error of unknown size. What the
 # function returns after its value is a blob, as in emcee: here the line at x = 10.
 
 # %%
@@ -110,10 +110,9 @@ print(f"the line at x = 10: {float(at_ten.mean()):.2f} +- {float(at_ten.std()):.
 ef.figures.plot_scatter(idata)
 
 # %% [markdown]
-# {doc}`/how_to/with_arviz` has more. {py:func}`~emcee_femu.find_map` finds all maxima
-# without sampling, and {py:func}`~emcee_femu.anneal` a population by TMCMC. Only
-# {py:func}`~emcee_femu.emulate` refuses: it learns the response of a model, and a
-# log-probability has none.
+# {doc}`/how_to/with_arviz` has more. {py:func}`~emcee_femu.find_map` and
+# {py:func}`~emcee_femu.anneal` work too. Only {py:func}`~emcee_femu.emulate` refuses: it
+# learns the response of a model, and a log-probability has none.
 #
 # ## In your own emcee script
 #
@@ -141,16 +140,11 @@ plain
 # An independence move, `[(ef.IndependenceMove.fit(samples), 0.8), (ef.DEMCMove(), 0.2)]`,
 # is more efficient if the posterior is close to the distribution fitted to the burn-in.
 # Mixtures, backends, pools, `vectorize=True`, blobs and `parameter_names` work as for
-# emcee's own moves. Differences from these:
-#
-# - fewer than 2 walkers per dimension raise an error, as in emcee
-#   (`live_dangerously=True` allows them);
-# - an error is raised if all walkers start at a log-probability of -inf;
-# - integer walkers raise an error, since emcee would truncate accepted values;
-# - {py:class}`~emcee_femu.moves.TemperedMove` needs the log-prior as first blob, as a
-#   {py:class}`~emcee_femu.LogPosterior` returns it, and
-#   {py:class}`~emcee_femu.moves.HamiltonianMove` a function with the method
-#   `gradient(theta)`; all others take any function.
+# emcee's own moves. An error is raised if all walkers start at a log-probability of -inf,
+# and for integer walkers. {py:class}`~emcee_femu.moves.TemperedMove` needs the log-prior
+# as first blob, as a {py:class}`~emcee_femu.LogPosterior` returns it, and
+# {py:class}`~emcee_femu.moves.HamiltonianMove` a function with the method
+# `gradient(theta)`; all others take any function.
 
 # %% tags=["remove-cell"]
 # A flat prior of a line: sigma by its exact marginal, the evidence by its integral.

@@ -1,9 +1,9 @@
 # %% [markdown]
 # # The first messages, and what they mean
 #
-# Five common messages of the first hour, each with its cause and its remedy. All of them
-# come before or at the first solve, so that no long run is lost.
-# `python examples/start/first_messages.py` runs this page.
+# Five common messages of the first hour, each with its cause and its remedy. All of
+# them come before or at the first solve, so that no long run is lost.
+# `python examples/start/first_messages.py` runs this page. Its data are made up.
 
 # %%
 import sys
@@ -64,8 +64,8 @@ show(lambda: ef.run(five, ef.DEMCMove(), nwalkers=8, seed=1))
 #
 # ## A stiffness without bounds
 #
-# A Gaussian prior extends below zero, where a structure has no natural frequencies. Walkers
-# start from samples of the prior, so the message comes early:
+# A Gaussian prior extends below zero, where a structure has no natural frequencies.
+# Walkers start from samples of the prior, so the message comes early:
 
 # %%
 unbounded = ef.GaussianPrior(["k1", "k2"], [30, 20], [20, 15])
@@ -73,18 +73,8 @@ show(lambda: ef.run(ef.LogPosterior(model, term, unbounded), seed=1))
 
 # %% [markdown]
 # **Remedy.** Give bounds, `GaussianPrior(..., bounds=[(1, 90), (1, 90)])`, or a prior of
-# positive parameters:
-
-# %%
-from scipy import stats
-
-positive = ef.IndependentPrior(
-    {"k1": stats.lognorm(0.3, scale=30), "k2": stats.lognorm(0.3, scale=20)}
-)
-run = ef.run(ef.LogPosterior(model, term, positive), steps=100, ensembles=1, seed=1)
-print(run[0].get_chain().min() > 0)
-
-# %% [markdown]
+# positive parameters, `ef.IndependentPrior({"k1": stats.lognorm(0.3, scale=30)})`.
+#
 # ## A different number of modes
 #
 # The model returns two frequencies; the test has three:
@@ -122,8 +112,7 @@ show(lambda: ef.run(posterior, ef.DEMCMove(), **options, starts=outside))
 #   model is 5.91 times too low; was rad/s given for Hz?` comes before sampling. Check it: data and model may have
 #   different units, or the prior may be far from the data.
 # - `FutureWarning: ArviZ is undergoing a major refactor ...` is printed by ArviZ 0.23
-#   whenever it is imported. This package suppresses the warning; your own `import arviz`
-#   prints it. ArviZ 1, on Python 3.12 and later, has no such warning.
+#   whenever it is imported; ArviZ 1 has no such warning.
 
 # %% tags=["remove-cell"]
 expected = [
@@ -137,4 +126,3 @@ expected = [
 assert len(said) == len(expected)
 assert all(part in message for part, message in zip(expected, said, strict=True))
 del sys.modules["pyuff"]
-assert run[0].get_chain().min() > 0

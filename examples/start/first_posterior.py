@@ -1,8 +1,8 @@
 # %% [markdown]
 # # A first posterior
 #
-# Two measured frequencies update two stiffnesses, in 15 lines. The model is a function
-# from parameters to natural frequencies; it may call any solver.
+# Two measured frequencies (simulated here) update two stiffnesses, in 15 lines. The
+# model is a function from parameters to natural frequencies; it may call any solver.
 # `python examples/start/first_posterior.py` runs this page.
 
 # %%
@@ -21,7 +21,7 @@ model = ef.FunctionModel(frequencies)
 term = ef.FrequencyTerm([3.13, 9.83], relative_sd=0.02)
 prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], bounds=[(20, 90), (1, 15)])
 posterior = ef.LogPosterior(model, term, prior, units={"k1": "MN/m", "k2": "MN/m"})
-run = ef.run(posterior, steps=500, seed=1)
+run = ef.run(posterior, seed=1)
 idata = ef.to_inference_data(run)
 
 # %% [markdown]

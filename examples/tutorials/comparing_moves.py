@@ -3,7 +3,7 @@
 #
 # Which sampler is good for *your* posterior? This page measures it, explains the table,
 # and shows how certain the answer is. `python examples/tutorials/comparing_moves.py`
-# runs this page in some 10 s.
+# runs this page in some 10 s. Its building and frequencies are made up.
 #
 # ## What to measure
 #
@@ -84,27 +84,21 @@ compared
 # | verdict | that of {py:func}`~emcee_femu.diagnose` on the chains |
 #
 # The conclusion below the table follows three rules. A move wins only if its lead is
-# more than two combined standard errors; a smaller lead is luck. It wins only if it has
-# converged: a chain of fewer than 50 autocorrelation times does not know its own tau,
-# nor its ESS. The conclusion also says if burn-in and search reverse the order.
+# more than two combined standard errors. It wins only if it has converged: a chain of
+# fewer than 50 autocorrelation times does not know its own tau, nor its ESS. The
+# conclusion also says if burn-in and search reverse the order.
 
 # %% mystnb={"image": {"alt": "One row per move with its ESS per 1000 evaluations: auto far to the right, tuned M-H and DE-MC close to each other, the stretch move and small steps behind them; beside it the error of each running mean"}}
 ef.figures.plot_comparison(compared)
 
 # %% [markdown]
-# Hatched bars have not converged. The right panel shows the frequencies' total average
-# error at the mean of the chain so far. It ends at a level that belongs to the
-# posterior, and shows how soon each mean is known.
+# Hatched bars have not converged. The right panel shows how soon each mean is known.
 #
 # Differential evolution and tuned Metropolis-Hastings are about equally efficient.
 # DE-MC takes its steps from the differences of other walkers, which lie along the
 # ellipsoid without tuning, so it saves the tuning run and no more. The independence
-# proposal of "auto" avoids the limit of random walks: it can jump anywhere.
-#
-# ## Why not acceptance
-#
-# Among the random walks, the one with the highest acceptance is by far the worst: see
-# the columns.
+# proposal of "auto" avoids the limit of random walks: it can jump anywhere. Among the
+# random walks, the one with the highest acceptance is by far the worst.
 #
 # ## Why not the c.o.v.
 #
@@ -135,15 +129,9 @@ print(f"converged:        {exact:.1f}")
 # The walkers with small steps have by far the smallest c.o.v., and it is wrong: it says
 # how far they have spread. Judged by it, the worst move would have won.
 #
-# ## Where to go on
-#
-# - The numbers are in `compared.table` (`.to_frame()`), the draws in
-#   `compared.idata["DE-MC"]`, the diagnoses in `compared.diagnoses`.
-# - `max_evaluations=100_000` in place of `steps` gives every move the same number of
-#   evaluations, and `reference={"k1": (mean, sd)}` adds its errors against known
-#   values.
-# - [Moves measured](../explanation/moves_measured.md) has long runs, and other packages.
-# - [Choose a move](../how_to/choose_a_move.md) has the short answer.
+# `max_evaluations=100_000` in place of `steps` gives every move the same number of
+# evaluations. [Moves measured](../explanation/moves_measured.md) has long runs, and other
+# packages; [Choose a move](../how_to/choose_a_move.md) has the short answer.
 
 # %% tags=["remove-cell"]
 table = compared.table.to_frame().set_index("move")

@@ -3,8 +3,9 @@
 #
 # The same structure, tested again, is not quite the same: temperature, assembly, loads
 # and excitation change. This page shows how much the parameters of a structure vary
-# from test to test, what this depends on, and what to expect of the next test.
-# `python examples/tutorials/many_tests.py` runs this page in some 10 s.
+# from test to test, what this depends on, and what to expect of the next test. The
+# tests are simulated, so the answer is known. `python examples/tutorials/many_tests.py`
+# runs this page in some 10 s.
 #
 # A single posterior of all data answers another question. It assumes that the
 # parameters are constant, so its standard deviations shrink with the number of tests,
@@ -14,9 +15,9 @@
 # ## Sixteen tests
 #
 # A two-storey frame on soft soil is tested on 16 days between -4 and 33 degrees. The
-# tests are simulated, so the answer is known. The frame loses 0.4 % of its stiffness a
-# degree, and scatters by 1.5 %. The soil does not depend on temperature, but varies
-# from day to day by 6 %. Three frequencies are measured, with errors of 0.5 %.
+# frame loses 0.4 % of its stiffness a degree, and scatters by 1.5 %. The soil does not
+# depend on temperature, but varies from day to day by 6 %. Three frequencies are
+# measured, with errors of 0.5 %.
 
 # %%
 import numpy as np
@@ -64,14 +65,12 @@ print(f"to {max(soil_sd.values()):.3f}")
 ef.parameter_table(tests["day1"])
 
 # %% [markdown]
-# Pool only converged chains, hence the `assert`: one walker caught far away may make a
-# standard deviation many times too large.
-
-# %% [markdown]
+# Pool only converged chains, hence the `assert`.
+#
 # ## The population
 #
-# The parameters of test t come from a normal distribution, cut at the bounds of the tests'
-# priors and normalised inside them:
+# The parameters of test t come from a normal distribution, cut at the bounds of the
+# tests' priors and normalised inside them:
 #
 # $$\theta_t \sim N\big(\text{mean} + \text{slope}\,(x_t - \bar x),\ \text{sd}\big)$$
 #
@@ -96,9 +95,8 @@ pooled
 # - `next test` is what to expect of the parameters in the next test; design for it.
 #
 # The second table has each test by itself, and given all others, which determine it
-# better. A Pareto k above 0.7 would mean that the draws of a test hardly reach to where
-# the others put it. Since `posteriors` are given, such tests were sampled again under
-# the population, by new solves.
+# better. Tests whose draws hardly reach to where the others put them (Pareto k above 0.7)
+# were sampled again under the population, since `posteriors` are given.
 
 # %% mystnb={"image": {"alt": "Two panels, frame and soil, one row for each of 16 days: grey intervals of single tests, blue ones given all tests beside them, a little shorter and nearer to the population's mean"}}
 ef.figures.plot_population(pooled)
@@ -134,11 +132,7 @@ print(f"first frequency: {low:.2f} to {high:.2f} Hz")
 # `pooled.idata` and `pooled.run` belong to the population's run; use them with
 # `parameter_table`, `diagnose` and the rest. The `log_likelihood` has one value for
 # each test, so `arviz.loo` shows which test the others do not expect.
-
-# %%
-ef.diagnose(pooled.run)
-
-# %% [markdown]
+#
 # ## What is assumed
 #
 # Hyperpriors are the priors of the population's own parameters. If you give none, they
@@ -150,37 +144,23 @@ pooled.population
 
 # %% [markdown]
 # - `hyperpriors={"sd soil": stats.halfnorm(scale=0.1)}` replaces them.
-# - Parameters that are not named, such as an inferred error or discrepancy, stay
-#   separate for each test, under the test's own prior.
-# - Each test's prior is divided out of its posterior. Priors may differ between tests
-#   and need not resemble the population, but they must not exclude what it needs. A
-#   prior much narrower than the likelihood leaves nothing to divide.
-# - If bounds truncate the population, `mean` and `sd` are those before truncation. A
-#   population with less than a tenth of its probability inside is excluded.
+# - Parameters that are not named, such as an inferred error, stay separate for each test,
+#   under the test's own prior.
+# - Each test's prior is divided out of its posterior. A prior much narrower than the
+#   likelihood leaves nothing to divide.
 #
-# ## How, and when not to trust it
+# ## When not to trust it
 #
 # The likelihood of a population is a product over the tests. Each factor is the average
 # of normal density / prior density over the draws of that test's posterior. Its error
-# falls with the number of draws, whatever the likelihood, and grows with the number of
-# pooled parameters. `pytest -m slow tests/population/test_truth.py` compares it with
-# quadrature. With 3,000 draws of each of 20 tests of two parameters, the population's
-# parameters are within 0.15 standard deviations, and their standard deviations within
-# 10 %.
+# falls with the number of draws, and grows with the number of pooled parameters: an ESS
+# of a few hundred per test at least; `draws=4_000` uses more of them. `pytest -m slow
+# tests/population/test_truth.py` compares it with quadrature.
 #
 # Every test has a Pareto k of the weights from its own posterior to that given all.
 # Above 0.7, with fewer than 100 effective draws, the test hardly reaches to where the
-# population puts it. The conclusion then says not to trust the result, and which tests
-# to sample again:
-#
-# - `pool_tests(..., posteriors={"day7": posterior})` does that for tests that need it;
-# - `pooled.under_population("day7", posterior)` returns the posterior with the
-#   population as its prior. Run it with your own pools and files, and pool again with
-#   `population=pooled.population`. Each ArviZ object holds its prior, so nothing else
-#   is needed.
-#
-# `draws=4_000` uses more draws of each test, for smaller errors. The draws should be
-# nearly independent: an ESS of a few hundred per test at least.
+# population puts it, and the conclusion says so. `pool_tests(...,
+# posteriors={"day7": posterior})` samples it again under the population.
 
 # %% tags=["remove-cell"]
 truth = {

@@ -41,19 +41,11 @@ def mast(state, warm=False):
 models = {state: mast(state) for state in ("before", "after")}
 truth = {"lower before": 205.0, "middle before": 200.0, "upper before": 212.0}
 truth |= {"lower after": 0.94 * 205.0, "middle after": 200.0, "upper after": 212.0}
-
-
-def measure(state, truth, rng):
-    """Frequencies of a state, with errors of the test."""
-    at = {name: np.array([value]) for name, value in truth.items()}
-    exact = models[state](at).frequencies[0]
-    return exact * (1 + ERROR * rng.standard_normal(5))
-
-
-rng = np.random.default_rng(2)
-tests = {state: measure(state, truth, rng) for state in models}
-for state, hertz in tests.items():
-    print(f"{state:>6}: {hertz.round(2)} Hz")
+rng, tests = np.random.default_rng(2), {}
+for state, model in models.items():
+    exact = model({name: np.array([x]) for name, x in truth.items()}).frequencies[0]
+    tests[state] = exact * (1 + ERROR * rng.standard_normal(5))
+    print(f"{state:>6}: {tests[state].round(2)} Hz")
 
 # %% [markdown]
 # ## One posterior
@@ -65,12 +57,18 @@ for state, hertz in tests.items():
 priors = dict.fromkeys(truth, stats.norm(200.0, 30.0))  # GPa
 bounds = dict.fromkeys(truth, LIMITS)
 terms = {s: ef.FrequencyTerm(hertz, relative_sd=ERROR) for s, hertz in tests.items()}
-posterior = ef.LogPosterior.joint(
-    {state: (models[state], terms[state]) for state in models},
-    ef.IndependentPrior(priors, bounds=bounds),
-    units=dict.fromkeys(truth, "GPa"),
-)
-run = ef.run(posterior, steps=200, ensembles=2, seed=1)
+
+
+def infer(after, priors, bounds):
+    """The posterior of both tests with a model of the second, and its run."""
+    pairs = {"before": (models["before"], terms["before"])}
+    pairs["after"] = after, terms["after"]
+    prior = ef.IndependentPrior(priors, bounds=bounds)
+    posterior = ef.LogPosterior.joint(pairs, prior, dict.fromkeys(truth, "GPa"))
+    return posterior, ef.run(posterior, steps=200, ensembles=2, seed=1)
+
+
+posterior, run = infer(models["after"], priors, bounds)
 print(ef.diagnose(run).short)
 
 # %% [markdown]
@@ -81,45 +79,43 @@ print(ef.diagnose(run).short)
 # that of the moduli.
 
 # %%
-idata = ef.to_inference_data(run)
+falls = [f"fall {part}" for part in PARTS]
 
 
-def add_falls(idata):
-    """Write the fall of each part into the samples, and return the names."""
+def convert(run):
+    """The ArviZ object of a run with the fall of each part, and their table."""
+    idata = ef.to_inference_data(run)
     samples = idata["posterior"]
     for part in PARTS:
         kept = samples[f"{part} after"] / samples[f"{part} before"]
         samples[f"fall {part}"] = 100 * (1 - kept)
         samples[f"fall {part}"].attrs["units"] = "%"
-    return [f"fall {part}" for part in PARTS]
+    return idata, ef.parameter_table(idata, var_names=falls)
 
 
-falls = add_falls(idata)
-ef.parameter_table(idata, var_names=falls)
+idata, table = convert(run)
+table
 
 # %%
 for name in falls:
     drawn = idata["posterior"][name].values
-    print(
-        f"{name}: above 0 with a probability of {(drawn > 0).mean():.3f}, "
-        f"above 3 % with {(drawn > 3).mean():.3f}"
-    )
+    print(f"{name} > 0 with a probability of {(drawn > 0).mean():.3f},", end=" ")
+    print(f"> 3 % with {(drawn > 3).mean():.3f}")
 
 # %% mystnb={"image": {"alt": "Samples of the falls of three parts: that of the lower part lies around 5 %, the others around 0"}}
-ef.figures.plot_scatter(idata, var_names=falls)
+truths = dict(zip(falls, [6.0, 0.0, 0.0], strict=True))
+ef.figures.plot_scatter(idata, var_names=falls, truths=truths)
 
 # %% [markdown]
-# The lower part has fallen, and the interval of its fall excludes zero. The others may
-# have stayed as they were. If the lower part has lost more, the middle one has lost less:
+# The interval of the lower part excludes zero. The others may have stayed as they were
+# (blue: the truth). If the lower part has lost more, the middle one has lost less:
 # frequencies tell their sum better than each of them.
 #
 # In the report of {py:func}`~emcee_femu.report` the falls stand among the parameters:
 
 # %%
 path = Path(tempfile.mkdtemp(), "mast.html")
-ef.report(
-    idata, path, posterior=posterior, title="Mast: before and after the storm"
-).name
+ef.report(idata, path, posterior=posterior, title="Mast, before and after").name
 
 # %% [markdown]
 # ## How often is there a false alarm?
@@ -146,36 +142,20 @@ ef.report(
 
 # %%
 terms["after"] = ef.FrequencyTerm(tests["after"] * 0.99**0.5, relative_sd=ERROR)
-
-
-def infer_falls(after, priors, bounds):
-    """The table of the falls, and its samples, with another model of the second test."""
-    again = ef.LogPosterior.joint(
-        {
-            "before": (models["before"], terms["before"]),
-            "after": (after, terms["after"]),
-        },
-        ef.IndependentPrior(priors, bounds=bounds),
-    )
-    idata = ef.to_inference_data(ef.run(again, steps=200, ensembles=2, seed=1))
-    return ef.parameter_table(idata, var_names=add_falls(idata)), idata
-
-
-unaware, _ = infer_falls(models["after"], priors, bounds)
+_, again = infer(models["after"], priors, bounds)
+_, unaware = convert(again)
 unaware
 
 # %% [markdown]
-# Each fall is one percent too large, and no interval says so. If the temperature is
-# known to matter, but not how much, it is a parameter with a prior. All moduli lower by
-# one percent have the frequencies of a density that is one percent higher, so "warm"
-# multiplies the density of the second test:
+# Each fall is one percent too large, and no interval says so. A temperature that may
+# matter is a parameter with a prior. All moduli lower by one percent have the frequencies
+# of a density one percent higher, so "warm" multiplies the density of the second test:
 
 # %%
-aware, warm = infer_falls(
-    mast("after", warm=True),
-    priors | {"warm": stats.norm(1.0, 0.01)},
-    bounds | {"warm": (0.95, 1.05)},
-)
+known = priors | {"warm": stats.norm(1.0, 0.01)}
+within = bounds | {"warm": (0.95, 1.05)}
+_, again = infer(mast("after", warm=True), known, within)
+warm, aware = convert(again)
 aware
 
 # %% [markdown]
@@ -188,7 +168,7 @@ aware
 # %%
 samples = warm["posterior"]
 apart = (samples["fall lower"] - samples["fall upper"]).values
-print(f"lower beyond upper: {apart.mean():.1f} %, sd {apart.std():.1f}")
+print(f"lower beyond upper: {apart.mean():.1f} %, sd {apart.std():.1f};", end=" ")
 print(f"above 0 with a probability of {(apart > 0).mean():.3f}")
 
 # %% [markdown]
@@ -197,9 +177,8 @@ print(f"above 0 with a probability of {(apart > 0).mean():.3f}")
 # several states in a row see {doc}`many_tests`.
 
 # %% tags=["remove-cell"]
-table = ef.parameter_table(idata, var_names=falls)
 assert table.column("unit") == ["%"] * 3 and ef.diagnose(run).converged
-true = np.array([6.0, 0.0, 0.0])
+true = np.array([*truths.values()])
 low, high = (np.array(table.column(name)) for name in ("2.5 %", "97.5 %"))
 assert (low < true).all() and (true < high).all() and low[0] > 2
 assert "fall lower" in path.read_text(encoding="utf-8")

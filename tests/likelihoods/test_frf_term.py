@@ -1,9 +1,8 @@
-"""The likelihood of FRFs, against scipy and calibration."""
+"""The likelihood of FRFs, against scipy."""
 
 import numpy as np
 import pytest
 from scipy import stats
-from support.calibration import auto_ranks, p_values, shorten_search
 
 import emcee_femu as ef
 
@@ -46,43 +45,6 @@ def test_errors_that_are_given():
     )
     per_channel = ef.frf.FRFTerm(MEASURED, sd=[[0.1], [0.2]])
     np.testing.assert_array_equal(per_channel.sd, [[0.1] * 3, [0.2] * 3])
-
-
-def chain():
-    ends = [np.array([1.0, 0, 0]), np.array([-1.0, 1, 0]), np.array([0, -1.0, 1])]
-    K = {f"k{i}": np.outer(e, e) for i, e in enumerate(ends, 1)}
-    M = np.diag([2.0, 1.5, 1.0])
-    return ef.MatrixModel(np.zeros((3, 3)), M, K, n_modes=3, shapes=True)
-
-
-GRID = np.linspace(0.8, 8.0, 24)
-PAIRS = [(0, 2), (2, 2)]
-PRIOR = ef.GaussianPrior(
-    ["k1", "k2", "k3", "zeta"],
-    [600.0, 600.0, 600.0, 0.03],
-    [120.0, 120.0, 120.0, 0.01],
-    [(200.0, 1_000.0), (200.0, 1_000.0), (200.0, 1_000.0), (0.002, 0.08)],
-)
-MODEL = ef.frf.FRFModel(chain(), GRID, PAIRS, damping="zeta")
-SD = 0.002  # m/N, of each part; peaks are ten times that
-
-
-def simulated(rng):
-    """Return the posterior of a simulated data set, and the truth ``(1, 4)``."""
-    truth = PRIOR.sample(rng, 1)
-    true = MODEL(dict(zip(PRIOR.names, truth.T, strict=True)))["receptance"][0]
-    noisy = true + SD * rng.standard_normal(true.shape)
-    measured = ef.frf.FRFMeasurements(
-        GRID, noisy[..., 0] + 1j * noisy[..., 1], PAIRS, kind="receptance"
-    )
-    term = ef.frf.FRFTerm(measured, sd=SD)
-    return ef.LogPosterior(MODEL, term, PRIOR), truth
-
-
-@pytest.mark.slow
-def test_the_truth_ranks_uniformly_among_the_draws(monkeypatch):
-    shorten_search(monkeypatch)
-    assert p_values(auto_ranks(simulated, 48, seed=31)).min() > 0.001 / 5
 
 
 def test_magnitudes_are_no_complex_values():

@@ -119,11 +119,12 @@ def test_the_lowest_modes_are_all_found(name, n_modes):
     assert wrong(name, n_modes, 3, seed=1) == 0
 
 
-@pytest.mark.slow  # 12,000 solves, each beside LAPACK: minutes
-@pytest.mark.parametrize("n_modes", [4, 6, 7, 9, 20])
+@pytest.mark.slow
+@pytest.mark.parametrize("n_modes", [4, 7, 20])
 @pytest.mark.parametrize("name", STRUCTURES)
 def test_the_lowest_modes_are_all_found_everywhere(name, n_modes):
-    assert wrong(name, n_modes, 200, seed=2) == 0
+    """The law of complete modes, in some 2,000 solves, each beside LAPACK."""
+    assert wrong(name, n_modes, 60, seed=2) == 0
 
 
 def test_a_scaled_stiffness_scales_all_frequencies():

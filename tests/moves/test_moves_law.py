@@ -124,6 +124,25 @@ class NoHastingsFactor(IndependenceMove):
         return np.zeros(len(theta))
 
 
+class Drifting(MetropolisMove):
+    """Its steps have a mean, for which the acceptance makes no amends."""
+
+    def propose(self, model, state):
+        normal = 0.4 + model.random.standard_normal(state.coords.shape)
+        proposed = state.coords + normal @ np.linalg.cholesky(self.cov).T
+        log_prob, _ = model.compute_log_prob_fn(proposed)
+        moved = log_prob - state.log_prob > np.log(model.random.random(len(log_prob)))
+        state.coords[moved], state.log_prob[moved] = proposed[moved], log_prob[moved]
+        return state, moved
+
+
+class Warm(Gaussian):
+    """As a move takes it that samples at a temperature of 1.44."""
+
+    def __call__(self, theta):
+        return super().__call__(theta) / 1.44
+
+
 SHIFTED = Gaussian().sample(np.random.default_rng(1), (2_000,)) + 0.3
 MUTANTS = {  # move, walkers, ensembles, steps
     # The bias of the first is the smallest, and grows for 30 steps.
@@ -131,6 +150,8 @@ MUTANTS = {  # move, walkers, ensembles, steps
     "guided by itself": (GuidedByItself(**BOLD), 4, 80, 8),
     "differences of one sign": (OneSign(), 6, 80, 8),
     "no density": (NoHastingsFactor.fit(SHIFTED, df=3.0), 6, 80, 8),
+    "too warm": (DEMCMove(), 6, 160, 12),
+    "with a drift": (Drifting(sd=0.4), 6, 80, 8),
 }
 
 
@@ -139,4 +160,5 @@ MUTANTS = {  # move, walkers, ensembles, steps
 )
 def test_the_check_catches_a_broken_move(mutant):
     move, *effort = MUTANTS[mutant]
-    assert exact_start(move, Gaussian(), *effort) > LIMIT
+    target = Warm() if mutant == "too warm" else Gaussian()
+    assert exact_start(move, target, *effort) > LIMIT

@@ -189,6 +189,59 @@ def test_arviz_judges_and_plots_the_result(idata):
     assert plt.get_fignums()
 
 
+def test_the_prior_predicts_new_measurements(runs):
+    """Those of the model at its first draws, with the error of the test."""
+    count = 400
+    before = ef.to_inference_data(POSTERIOR, prior_predictive=count)
+    there = {"prior", "prior_predictive", "observed_data", "constant_data"}
+    assert set(before.children if hasattr(before, "children") else before) == there
+    prior = dataset(before, "prior")
+    draws = np.stack([prior[name].values[0, :count] for name in NAMES], axis=1)
+    exact = POSTERIOR(draws)[:, POSTERIOR.columns["frequency"]][:, :2]
+    predicted = dataset(before, "prior_predictive")["frequency"]
+    assert dict(predicted.sizes) == {"chain": 1, "draw": count, "mode": 2}
+    z = (predicted.values[0] - exact) / (np.array(MEASURED) / np.sqrt(1e3))
+    assert_allclose(z.mean(axis=0), 0, atol=4 / np.sqrt(count))
+    assert_allclose(z.std(axis=0), 1, atol=4 / np.sqrt(2 * count))
+    beside = dataset(
+        ef.to_inference_data(runs, prior_predictive=count), "prior_predictive"
+    )
+    assert beside["frequency"].equals(predicted)
+    if az.__version__ < "1":
+        az.plot_ppc(before, group="prior", num_pp_samples=9)
+    else:
+        az.plot_ppc_dist(before, group="prior_predictive", num_samples=9)
+    assert plt.get_fignums()
+
+
+def test_arviz_compares_each_datum_of_a_term_with_the_others(runs, idata):
+    one = ef.to_inference_data(runs, discard=4, term="frequency")
+    likelihood = dataset(one, "log_likelihood")["frequency"]
+    whole = dataset(idata, "log_likelihood")["data"].values
+    assert_array_equal(likelihood.values, whole[..., :2])
+    new = dataset(one, "posterior_predictive")["frequency"]
+    assert new.dims == likelihood.dims and new.shape == likelihood.shape
+    old = az.__version__ < "1"
+    options = {"y" if old else "var_names": "frequency"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # 600 draws of a short chain
+        shares = az.loo_pit(one, **options)
+        az.plot_loo_pit(one, **options)
+    values = shares if old else shares["frequency"].values
+    assert values.shape == (2,) and ((values > 0) & (values < 1)).all()
+    az.plot_forest(one, combined=True)
+    assert len(plt.get_fignums()) >= 2
+    for source, options in (
+        (runs, {"term": "ridge"}),
+        (runs, {"term": "stiff"}),
+        (idata, {"term": "frequency"}),
+    ):
+        with pytest.raises(ValueError, match="term"):
+            ef.to_inference_data(source, **options)
+    with pytest.raises(TypeError, match="posterior"):
+        ef.to_inference_data(idata, prior_predictive=3)
+
+
 @pytest.mark.parametrize("plain", [True, False])
 def test_parameters_of_a_plain_sampler_are_named(plain):
     sampler = emcee.EnsembleSampler(8, 2, lambda x: -0.5 * float(x @ x))

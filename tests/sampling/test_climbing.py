@@ -7,7 +7,7 @@ from scipy import stats
 from support.free_posterior import FreeModel, free_posterior
 
 import emcee_femu as ef
-from emcee_femu.evaluation.evaluator import Evaluation
+from emcee_femu.evaluation.evaluator import Evaluation, Solver
 from emcee_femu.sampling.climbing import climb
 from emcee_femu.sampling.coordinates import Coordinates
 from emcee_femu.sampling.quadratic import log_integral, make_positive
@@ -72,16 +72,16 @@ def test_a_climb_in_logarithms_ends_at_the_maximum_of_their_density(case):
     precision = SD**-2.0 + np.power(PRIOR_SD, -2.0)
     top = (MEASURED / SD**2 + PRIOR_MEAN / np.power(PRIOR_SD, 2)) / precision
     positive = Coordinates.positive(PRIOR)
-    with Evaluation.open(posterior) as evaluator:
-        starts = positive.sample(np.random.default_rng(1), 3)
-        for end in climb(evaluator, starts, coordinates=positive):
-            assert end.converged
-            # 1e-3 of log-density may be left to gain.
-            assert_allclose((end.theta - top) * precision**0.5, 0, atol=0.05)
-            assert_allclose(np.diag(end.covariance) * precision, 1.0, rtol=0.1)
-            assert end.log_evidence == pytest.approx(EVIDENCE, abs=0.05)
-            row = positive.rows(evaluator, end.theta[None])[0]
-            assert_allclose(end.row, row, rtol=1e-9)
+    evaluator = Evaluation(Solver(posterior, False))
+    starts = positive.sample(np.random.default_rng(1), 3)
+    for end in climb(evaluator, starts, coordinates=positive):
+        assert end.converged
+        # 1e-3 of log-density may be left to gain.
+        assert_allclose((end.theta - top) * precision**0.5, 0, atol=0.05)
+        assert_allclose(np.diag(end.covariance) * precision, 1.0, rtol=0.1)
+        assert end.log_evidence == pytest.approx(EVIDENCE, abs=0.05)
+        row = positive.rows(evaluator, end.theta[None])[0]
+        assert_allclose(end.row, row, rtol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -236,8 +236,14 @@ def test_forked_processes_inherit_what_cannot_be_pickled_beside_threads(tmp_path
 
 
 @forks
-@pytest.mark.parametrize("fault", ["killed", "ended"])
-@pytest.mark.parametrize("name", ["fork", "workers", spawn])
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [
+        ("fork", "killed"),
+        ("workers", "ended"),
+        pytest.param("spawn", "killed", marks=spawn.marks),
+    ],
+)
 def test_a_worker_that_dies_ends_the_run_and_keeps_the_samples(name, fault):
     if name != "workers":
         need_start_method(name)
@@ -250,15 +256,16 @@ def test_a_worker_that_dies_ends_the_run_and_keeps_the_samples(name, fault):
 
 @forks
 @pytest.mark.parametrize(
-    ("fault", "kind"),
+    ("name", "fault", "kind"),
     [
-        ("left", RuntimeError),
+        ("workers", "left", RuntimeError),
         # Where dask was imported, its tblib lets such an exception travel.
-        ("awkward", (RuntimeError, pool_problems.Awkward)),
-        ("ordinary", ArithmeticError),
+        ("workers", "awkward", (RuntimeError, pool_problems.Awkward)),
+        ("fork", "ordinary", ArithmeticError),
+        ("threads", "left", RuntimeError),
+        ("threads", "ordinary", ArithmeticError),
     ],
 )
-@pytest.mark.parametrize("name", ["fork", "workers", "threads"])
 def test_an_error_of_the_solver_arrives_with_its_place_or_is_counted(name, fault, kind):
     solver = getattr(pool_problems, fault)
     with pytest.raises(kind) as caught:

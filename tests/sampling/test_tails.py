@@ -53,10 +53,10 @@ def test_a_gaussian_needs_no_more_than_a_few_climbs():
 def test_the_standard_deviations_of_converged_runs_are_not_too_small():
     """Law: a tail of .22 % of the mass and 14 % of the variance of k4 is sampled."""
     posterior, exact = ef.paper.mass_spring().posterior, 57.61
-    runs = [ef.run(posterior, steps=300, seed=seed) for seed in range(60, 70)]
+    runs = [ef.run(posterior, steps=300, seed=seed) for seed in range(60, 65)]
     found = [(run, ef.diagnose(run)) for run in runs]
     good = [(run, d) for run, d in found if d.converged]
-    assert len(good) >= 6
+    assert len(good) >= 3
     sds = np.array(
         [
             np.concatenate([s.get_chain(flat=True) for s in r])[:, 2].std()

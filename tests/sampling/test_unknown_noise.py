@@ -52,8 +52,9 @@ def exact_sds(names, law):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("names", [["k1"], ["k1", "k2"]])
-@pytest.mark.parametrize("law", [HALF_NORMAL, RANGE], ids=["half-normal", "range"])
+@pytest.mark.parametrize(
+    ("names", "law"), [(["k1"], HALF_NORMAL), (["k1", "k2"], RANGE)]
+)
 def test_as_many_parameters_as_frequencies(names, law):
     """The law of a likelihood with a spike: exact moments, and no false alarm."""
     run = ef.run(posterior_of(names, law), steps=150, seed=1)

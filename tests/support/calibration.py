@@ -24,14 +24,14 @@ from scipy import stats
 
 import emcee_femu as ef
 
-WALKERS, PILOT, APART = 64, 150, 100
-DRAWS = WALKERS - 1  # ranks 0 .. 63 fall evenly into the bins
+WALKERS, PILOT, APART = 32, 120, 50
+DRAWS = WALKERS - 1  # ranks 0 .. 31 fall evenly into the bins
 BINS = 8
 PROBLEM = ef.paper.mass_spring()
 PRIOR = PROBLEM.posterior.prior
 BETA = PROBLEM.posterior.terms[0].beta[0]
 QUANTITIES = (*PRIOR.names, "log-likelihood")
-AUTO_WALKERS, SNAPSHOTS, AUTO_APART = 16, 4, 10  # about four autocorrelation times
+AUTO_WALKERS, SNAPSHOTS, AUTO_APART = 16, 2, 10  # about four autocorrelation times
 
 
 def shorten_search(monkeypatch):
@@ -78,7 +78,7 @@ def rank(run, posterior, truth):
 def auto_ranks(simulate, datasets, seed):
     """Return the ranks ``(datasets, d + 1)`` of the truth among the draws of "auto".
 
-    The draws are all walkers of one ensemble at four generations, begun from nothing.
+    The draws are all walkers of one ensemble at two generations, begun from nothing.
 
     Args:
         simulate: ``simulate(rng) -> (posterior, truth)`` makes a data set.

@@ -152,8 +152,7 @@ def test_inferred_errors_are_no_inputs_of_the_emulator_nor_of_its_derivatives():
 
 
 @SLOW
-@pytest.mark.parametrize("n_terms", [1, 2])
-def test_modes_that_are_paired_are_emulated_in_units_of_their_errors(n_terms):
+def test_modes_that_are_paired_are_emulated_in_units_of_their_errors():
     """Candidates, each with the error of its measured one; shapes tell the pairs."""
     K = {
         "a": np.diag([1.0, 0, 0]),
@@ -167,7 +166,7 @@ def test_modes_that_are_paired_are_emulated_in_units_of_their_errors(n_terms):
     )
     paired = ef.PairedModel(model, measured, candidates=3)
     frequencies = ef.FrequencyTerm(measured, sd=[0.002, 0.02])
-    terms = [frequencies, ef.ShapeTerm(measured, delta=[0.1, 0.02])][:n_terms]
+    terms = [frequencies, ef.ShapeTerm(measured, delta=[0.1, 0.02])]
     prior = ef.IndependentPrior({"a": (0.5, 2.0), "b": (0.5, 2.0)})
     posterior = ef.LogPosterior(paired, terms, prior)
     emulated = ef.emulate(posterior, 24, seed=1)
@@ -324,16 +323,15 @@ def eleven():
 
 
 @SLOW
-@pytest.mark.parametrize("seed", [1, 4])
-def test_it_ends_once_two_true_errors_running_are_within_tolerance(seed):
+def test_it_ends_once_two_true_errors_running_are_within_tolerance():
     """Waves that no few points can show: predicted errors would end it elsewhere."""
-    history = ef.emulate(posed(rippled), 22, seed=seed, tolerance=0.1).history
+    history = ef.emulate(posed(rippled), 22, seed=1, tolerance=0.1).history
     spent = history.column("solves")
     assert spent[-1] == 22
     errors = np.array(history.column("true error")[:-1])
     pairs = np.maximum(errors[:-1], errors[1:])  # of rounds that follow each other
     first = int(np.argmin(pairs))
-    ended = ef.emulate(posed(rippled), 22, seed=seed, tolerance=pairs[first])
+    ended = ef.emulate(posed(rippled), 22, seed=1, tolerance=pairs[first])
     assert ended.solves == spent[first + 2]
 
 

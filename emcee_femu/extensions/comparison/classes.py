@@ -185,21 +185,21 @@ def _weigh(prior: Mapping[str, float] | None, labels: list[str]) -> Floats:
 def _conclude(standings: Mapping[str, Standing]) -> str:
     first, *others = standings
     close = [label for label in others if not standings[label].decided]
-    words = [
+    behind = ", ".join(
         f"the evidence against {label} is {standings[label].strength}"
         for label in others
         if standings[label].decided
-    ]
+    )
+    lines = [f"Ahead: {first}; {behind}."]
     if close:
         lines = [
             f"Undecided between {', '.join([first, *close[:-1]])} and {close[-1]}: "
             "the log evidences differ by less than two standard errors; run longer."
         ]
-        if words:
-            lines.append(f"Of the others, {', '.join(words)}.")
-    else:
-        lines = [f"Ahead: {first}; {', '.join(words)}."]
-    for label, standing in standings.items():
-        for problem in standing.evidence.problems:
-            lines.append(f"{label}: no error can be given, because {problem}.")
+        lines += [f"Of the others, {behind}."] if behind else []
+    lines += [
+        f"{label}: no error can be given, because {problem}."
+        for label, standing in standings.items()
+        for problem in standing.evidence.problems
+    ]
     return "\n".join(lines)

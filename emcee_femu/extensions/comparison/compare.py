@@ -223,10 +223,9 @@ def _check_reference(
 ) -> dict[str, Floats]:
     """Return mean and sd by parameter name; empty if there is no reference."""
     moments = {}
-    reference = {} if reference is None else reference
-    for name, pair in checks.by_name("reference", reference, names).items():
-        moments[name] = checks.real_array(f"reference[{name!r}]", pair, 1)
-        if moments[name].shape != (2,) or not moments[name][1] > 0:
+    for name, pair in checks.by_name("reference", reference or {}, names).items():
+        moments[name] = moment = checks.real_array(f"reference[{name!r}]", pair, 1)
+        if moment.shape != (2,) or not moment[1] > 0:
             raise ValueError(
                 f"reference[{name!r}]: expected (mean, sd), sd above zero, got {pair!r}"
             )

@@ -1,7 +1,7 @@
 """Figures of comparisons: moves, and model classes."""
 
 import textwrap
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 from matplotlib import colormaps
@@ -15,6 +15,7 @@ from ...figures.style import BLUE, GREY, RED, Style, finish, subplots
 from .classes import CLASS_LEAD, ModelComparison
 from .compare import Comparison
 
+Colour: TypeAlias = tuple[float, float, float, float]
 LABEL_WIDTH, CLASS_WIDTH = 32, 28  # characters per line
 LEAST_WRITTEN = 0.001  # least probability written as a number
 FAR_BEHIND = 25.0  # log evidence behind the first beyond which a class is only named
@@ -79,7 +80,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
     return finish(figure)
 
 
-def _draw_bars(axes: Axes, comparison: Comparison, colors: dict[str, Any]) -> None:
+def _draw_bars(axes: Axes, comparison: Comparison, colors: dict[str, Colour]) -> None:
     efficiency = comparison.efficiency
     labels = sorted(efficiency, key=lambda label: efficiency[label][0])
     values, errors = zip(*(efficiency[label] for label in labels), strict=True)

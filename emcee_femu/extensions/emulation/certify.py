@@ -37,7 +37,6 @@ from .emulated_chain import (
 )
 
 FEWEST_SOLVES = 10
-RHAT_APART = 1.1  # R-hat of walkers or ensembles that are in different places
 # Solves for the search: at most a quarter, and no more than these.
 SEARCH_SHARE, MOST_SEARCH_SOLVES = 4, 30
 FIRST_CLIMBS = 8  # starts that are sorted by height
@@ -162,18 +161,9 @@ def certify(
     faults = [*compare_bounds(chain, posterior.prior), *unsound]
     asked = {"moves": "certify", "solves": solves, "seed": seed}
     asked["emulated draws"] = chain.draws
+    how = workers, pool, on_failure, max_failures, backend, resume, probe_tolerance
     with (
-        open_evaluator(
-            posterior,
-            asked,
-            workers=workers,
-            pool=pool,
-            on_failure=on_failure,
-            max_failures=max_failures,
-            backend=backend,
-            resume=resume,
-            probe_tolerance=probe_tolerance,
-        ) as evaluator,
+        open_evaluator(posterior, asked, *how) as evaluator,
         progress_bar(display, solves, "certify") as evaluator.bar,
     ):
         if evaluator.failures is not None:
@@ -259,15 +249,7 @@ def _judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
     judged = "ensemble" in group.coords and group.attrs.get("kind") != "population"
     if not judged or group.sizes["draw"] < FEWEST_STEPS:
         return [], []
-    diagnosis = diagnose(idata)
-    apart = np.fmax(diagnosis.rhat_within, diagnosis.rhat_between).max() > RHAT_APART
-    if diagnosis.stuck or apart:
-        return [
-            "the chain of the emulated posterior is in several parts, which weights "
-            "cannot join; run it longer, without its burn-in, until diagnose says that "
-            "walkers and ensembles agree"
-        ], []
-    if (about := diagnosis.chains).status != NOT_CONVERGED:
+    if (about := diagnose(idata).chains).status != NOT_CONVERGED:
         return [], []
     doubt = (
         f"the chain of the emulated posterior is {about.sentence.rstrip('.')}; "

@@ -17,7 +17,7 @@ from ...contracts import Floats
 from ...evaluation.evaluator import Evaluation
 from ...evaluation.pools import count_workers
 from ...evaluation.resume import describe, open_evaluator
-from ...evaluation.samplers import check_progress, progress_bar
+from ...evaluation.samplers import caption, check_progress, progress_bar
 from ...posterior.log_posterior import LogPosterior
 from ...sampling.coordinates import Coordinates
 from ...table import Table
@@ -179,18 +179,10 @@ def emulate(
         "derivatives": problem.derivatives,
         "solves at a time": max(batch, width),
     }
+    how = workers, pool, on_failure, max_failures, backend, resume, probe_tolerance
+    recorder, asked = problem.recorder(), describe(posterior, asked)
     with (
-        open_evaluator(
-            problem.recorder(),
-            describe(posterior, asked),
-            workers=workers,
-            pool=pool,
-            on_failure=on_failure,
-            max_failures=max_failures,
-            backend=backend,
-            resume=resume,
-            probe_tolerance=probe_tolerance,
-        ) as evaluator,
+        open_evaluator(recorder, asked, *how) as evaluator,
         progress_bar(display, solves, "emulate") as evaluator.bar,
     ):
         emulation = _Emulation(problem, evaluator, coordinates, batch)
@@ -270,9 +262,8 @@ class _Emulation:
             error = self._true_error(number, emulator, draws.predicted)
             settled = settled + 1 if error <= tolerance else 0
             history.append((spent, draws.predicted, error, draws.size))
-            if hasattr(bar := self.evaluator.bar, "set_postfix_str"):
-                text = f"error {draws.predicted:.2g} predicted, {error:.2g} true"
-                bar.set_postfix_str(text)
+            text = f"emulate, error {draws.predicted:.2g} predicted, {error:.2g} true"
+            caption(self.evaluator.bar, text)
         history.append((spent, draws.predicted, np.nan, draws.size))
         table = Table(
             "Errors at draws of the posterior, in units of measurement error",

@@ -143,7 +143,7 @@ class EmulatedChain:
 
 
 def correct_moments(
-    chain: "EmulatedChain", theta: Floats, shares: Floats, weights: Floats
+    chain: EmulatedChain, theta: Floats, shares: Floats, weights: Floats
 ) -> Floats:
     r"""Return means and sds of the true posterior with standard errors, ``(5, d)``.
 
@@ -190,7 +190,7 @@ def correct_moments(
     return np.array([centre + shift, mean_error, sd, *errors])
 
 
-def compare_bounds(chain: "EmulatedChain", prior: Prior) -> list[str]:
+def compare_bounds(chain: EmulatedChain, prior: Prior) -> list[str]:
     """Return what is wrong with the emulated posterior's bounds, without a solve."""
     faults = []
     theta = prior.sample(np.random.default_rng(0), PRIOR_FREE_DRAWS)
@@ -218,7 +218,7 @@ def compare_bounds(chain: "EmulatedChain", prior: Prior) -> list[str]:
 
 
 def find_missed(
-    chain: "EmulatedChain",
+    chain: EmulatedChain,
     maxima: list[Maximum],
     theta: Floats,
     log_posterior: Floats,
@@ -238,33 +238,33 @@ def find_missed(
     volume = chain.coordinates.log_volume(chain.coordinates.coordinates(theta))
     heights = np.where(weights > 0, log_posterior + volume, 0.0)
     log_evidence = float(weights @ heights) + log_volume  # of a Gaussian
+
+    def place(top: Maximum) -> Floats:
+        return np.asarray(chain.coordinates.parameters(top.theta[None])[0])
+
+    def name(top: Maximum) -> str:
+        pairs = zip(chain.names, place(top).tolist(), strict=True)
+        return ", ".join(f"{name} = {value:.5g}" for name, value in pairs)
+
     for top in maxima:
-        if not top.converged:  # on its way, perhaps to what is known
-            continue
         share = expit(top.log_evidence - log_evidence)
-        if share < MISSED_SHARE:
+        # One that has not arrived is on its way, perhaps to what is known.
+        if share < MISSED_SHARE or not top.converged:
             continue
         steps, precision = chain.x - top.theta, np.linalg.inv(top.covariance)
         squares = (steps @ precision * steps).sum(axis=1)
         if (squares < d + 4 * np.sqrt(d)).mean() < FOUND * share:
             return (
-                f"a maximum of the true posterior is at {_name(chain, top.theta)}, "
+                f"a maximum of the true posterior is at {name(top)}, "
                 f"about {100 * share:.0f} % of it by Laplace's approximation, where "
                 "the emulated one has hardly a draw; emulate with a start there",
             )
     middle = np.median(log_posterior + volume)
     for top in sorted(maxima, key=lambda top: -top.log_posterior):
-        place = chain.coordinates.parameters(top.theta[None])
-        if top.log_posterior > middle and chain.distance(place)[0] > 1:
+        if top.log_posterior > middle and chain.distance(place(top)[None])[0] > 1:
             return (
                 "far from all draws of the emulated posterior, at "
-                f"{_name(chain, top.theta)}, the true one is as high as at half of "
-                "them; emulate with a start there",
+                f"{name(top)}, the true one is as high as at half of them; emulate "
+                "with a start there",
             )
     return ()
-
-
-def _name(chain: "EmulatedChain", x: Floats) -> str:
-    theta = chain.coordinates.parameters(x[None])[0]
-    pairs = zip(chain.names, theta.tolist(), strict=True)
-    return ", ".join(f"{name} = {value:.5g}" for name, value in pairs)

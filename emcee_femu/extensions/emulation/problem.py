@@ -172,7 +172,7 @@ class EmulationProblem:
                 "the model and its terms apart, or sample it with workers="
             )
         inputs = [i for i, name in enumerate(posterior.names) if name not in errors]
-        paired = model if isinstance(model, PairedModel) else None
+        paired = posterior.experiments[0].paired
         if paired is None:
             variables = _find_variables(posterior)
         else:  # the candidates, at the sensors
@@ -387,13 +387,11 @@ def first_points(
     places = qmc.Sobol(len(mean), seed=rng).random_base2(power)[: number - 1]
     columns = zip(draws.T, places.T, strict=True)
     far = np.column_stack([np.quantile(*pair) for pair in columns])
-    if starts is None:
-        inwards = mean + DESIGN_SPREAD * (far - mean)
-        theta = coordinates.parameters(np.vstack([mean, inwards]))
-    else:
-        near = coordinates.coordinates(starts[None]) + NEAR_SPREAD * (far - mean)
-        theta = np.clip(coordinates.parameters(near), *prior.bounds.T)
-        theta = np.vstack([starts, theta])
+    centre, spread = mean, DESIGN_SPREAD
+    if starts is not None:
+        centre, spread = coordinates.coordinates(starts[None])[0], NEAR_SPREAD
+    points = coordinates.parameters(np.vstack([centre, centre + spread * (far - mean)]))
+    theta = np.clip(points, *prior.bounds.T)
     outside = ~(prior.logpdf(theta) > -np.inf)  # of a prior that is not independent
     theta[outside] = prior.sample(rng, int(outside.sum()))
     return theta

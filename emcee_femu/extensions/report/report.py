@@ -15,14 +15,13 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ... import checks
 from ...contracts import Floats, Parameters, Reported, read_declared
 from ...likelihoods.shape import ShapeTerm
-from ...models.paired import PairedModel
 from ...posterior.experiments import Experiment
 from ...posterior.log_posterior import LogPosterior
+from ...posterior.priors import list_laws
 from ...results.arviz_objects import (
     InferenceData,
     groups,
@@ -133,12 +132,13 @@ def report(
         if key not in TEXTS:
             raise ValueError(f"text: expected some of {TEXTS}, got {key!r}")
         checks.text(f"text[{key!r}]", words)
-    name = "run" if isinstance(source, Run) else "samples"
-    result, own = source, None
-    if (reported := getattr(source, "reported", None)) is not None:
-        told: Reported = reported()
-        source, name, own = told.source, told.name, told if told.title else None
+    result = source
+    tell: Callable[[], Reported | None] = getattr(source, "reported", lambda: None)
+    if told := tell():
+        source = told.source
+    own = told if told and told.title else None
     run = source if isinstance(source, Run) else None
+    name = told.name if told else "run" if run else "samples"
     idata, sampled = read_samples(source, posterior, discard, argument="source")
     experiments = sampled.experiments if sampled else ()
     held = groups(idata)
@@ -168,7 +168,7 @@ def report(
         experiments=experiments,
         kind=lambda value: type(value).__name__,
         priors=_tabulate_priors(idata, sampled) if "constant_data" in held else None,
-        laws=getattr(sampled.prior, "distributions", ()) if sampled else (),
+        laws=list_laws(sampled.prior) if sampled else (),
         chains=read_chains(idata),
         run=run,
         diagnosis=diagnose(run or idata, discard if run else 0),
@@ -178,7 +178,7 @@ def report(
         ),
         derived=_tabulate_derived(idata, derived) if derived is not None else None,
         frequencies=[*zip(with_frequencies, frequencies, strict=True)],
-        pictures=dict(_draw_all(idata, sampled, measured)) | _draw_own(result, own),
+        pictures=dict(_draw_all(idata, sampled, measured, result, own)),
         predicted=_tabulate_predictions(idata, sampled, measured),
         pairings=[pairing_table(idata, e) for e in with_pairs],
         identifiability=(
@@ -201,7 +201,7 @@ def _find_places(names: Iterable[str], quantity: str) -> list[str | None]:
     return [experiment or None for experiment, _, last in parts if last == quantity]
 
 
-def _show(part: Table | Report) -> Any:
+def _show(part: Table | Report) -> str:
     """Return tables and sentences in HTML."""
     from markupsafe import Markup
 
@@ -217,7 +217,7 @@ def _draw(figure: Figure) -> str:
 
 def _list_data(
     measured: Iterable[Measured], posterior: LogPosterior | None
-) -> Iterator[tuple[str, NDArray[Any]]]:
+) -> Iterator[tuple[str, Floats]]:
     """Yield names and numbers of all that was measured."""
     for part in measured:
         yield part.name, part.values
@@ -237,9 +237,11 @@ def _tabulate_measured(part: Measured, posterior: LogPosterior | None) -> Table:
     if np.isfinite(sd).any():
         columns.append((f"standard deviation{unit}", ".3g", sd))
     if len(values) > MOST_ROWS:
-        ends = (f"lowest{unit}", values.min()), (f"highest{unit}", values.max())
-        columns = [("values", "d", [len(values)])]
-        columns += [(title, ".6g", [value]) for title, value in ends]
+        columns = [
+            ("values", "d", [len(values)]),
+            (f"lowest{unit}", ".6g", [values.min()]),
+            (f"highest{unit}", ".6g", [values.max()]),
+        ]
     return Table.from_columns(f"Measured: {part.name}", columns)
 
 
@@ -247,8 +249,8 @@ def _tabulate_shapes(experiment: Experiment) -> Iterator[Table]:
     """Yield the measured shapes, of the pairing or else of the terms."""
     of_terms = [t.measured for t in experiment.terms if isinstance(t, ShapeTerm)]
     sensors: Sequence[str] = ()
-    if isinstance(experiment.model, PairedModel):
-        test = experiment.model.measurements
+    if experiment.paired is not None:
+        test = experiment.paired.measurements
         assert test.shapes is not None
         of_terms, sensors = [test.shapes], test.sensors
     title = f"Measured mode shapes of {experiment.name}".removesuffix(" of ")
@@ -307,33 +309,29 @@ def _tabulate_predictions(
     return predictive_table(idata, posterior if drawn else None)
 
 
-def _draw_own(result: object, own: Reported | None) -> dict[str, Pictures]:
-    """Return the figure of a result that has a section of its own."""
-    from ... import figures
-
-    return {"own": [("", getattr(figures, own.figure)(result))]} if own else {}
-
-
 def _draw_all(
-    idata: InferenceData, posterior: LogPosterior | None, measured: list[Measured]
+    idata: InferenceData,
+    posterior: LogPosterior | None,
+    measured: list[Measured],
+    result: object,
+    own: Reported | None,
 ) -> Iterator[tuple[str, Pictures]]:
     """Yield the figures of each section that has some, by experiment."""
     from ... import figures
 
+    if own:  # a section of the result's own
+        yield "own", [("", getattr(figures, own.figure)(result))]
     if measured:
         places = dict.fromkeys(p.variable.rpartition(".")[0] for p in measured)
         drawn = partial(figures.plot_predictive, idata, posterior)
         yield "fit", [(place, drawn(experiment=place or None)) for place in places]
-    mac: Pictures = []
-    shapes: Pictures = []
-    for test in posterior.experiments if posterior else ():
-        place = test.name or None
-        if isinstance(test.model, PairedModel):
-            mac.append((test.name, figures.plot_mac(idata, posterior, place)))
-            if read_declared(test.model, "geometry") is not None:
-                figure = figures.plot_shapes(idata, posterior, experiment=place)
-                shapes.append((test.name, figure))
-    yield from [("mac", mac), ("shapes", shapes)]
+    tests = posterior.experiments if posterior else ()
+    paired = [test for test in tests if test.paired is not None]
+    drawn = partial(figures.plot_mac, idata, posterior)
+    yield "mac", [(test.name, drawn(test.name or None)) for test in paired]
+    placed = [t for t in paired if read_declared(t.model, "geometry") is not None]
+    drawn = partial(figures.plot_shapes, idata, posterior)
+    yield "shapes", [(t.name, drawn(experiment=t.name or None)) for t in placed]
     yield "parameters", [("", figures.plot_prior_posterior(idata, posterior))]
     d = len(samples(idata)[0])
     plot = figures.plot_scatter if d <= MOST_PAIRED else figures.plot_correlation

@@ -1,0 +1,56 @@
+"""What the benchmarks share: options, processes and tables.
+
+The options of a benchmark are the arguments of its ``main``:
+``python examples/benchmarks/evidence.py --help`` lists them.
+"""
+
+import argparse
+import inspect
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from typing import Any
+
+from emcee_femu.table import Table
+
+
+def command(main: Callable[..., object]) -> None:
+    """Call a function with what the command line gives; the rest are its defaults."""
+    parser = argparse.ArgumentParser(
+        description=inspect.getmodule(main).__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    for name, argument in inspect.signature(main).parameters.items():
+        default = argument.default
+        several = isinstance(default, tuple)
+        kind = type(default[0] if several else default)
+        parser.add_argument(
+            f"--{name}",
+            type=int if default is None else kind,
+            nargs="+" if several else None,
+            default=default,
+            help=f"default: {' '.join(map(str, default)) if several else default}",
+        )
+    main(**vars(parser.parse_args()))
+
+
+@contextmanager
+def mapping(processes: int) -> Iterator[Callable[..., Iterable[Any]]]:
+    """Yield a ``map``, by so many processes, or by this one if there is one."""
+    if processes == 1:
+        yield map
+    else:
+        with ProcessPoolExecutor(processes) as pool:
+            yield pool.map
+
+
+def tabulate(title: str, formats: Mapping[str, str], rows: Iterable[Any]) -> Table:
+    """Print each row as soon as it is there, then the table, and return it."""
+    found = []
+    for row in rows:
+        found.append(tuple(row))
+        print(*found[-1], file=sys.stderr, flush=True)
+    table = Table(title, tuple(formats), tuple(formats.values()), tuple(found))
+    print(table)
+    return table
