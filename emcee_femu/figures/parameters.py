@@ -159,16 +159,10 @@ def _draw_mass(
     density = None if ellipse else estimate_density(points, limits, size)
     if density is None or (ellipse is None and density[2]):
         (width, height), angle = covariance_ellipse(points)
-<<<<<<< HEAD
-        correlation: Floats = np.atleast_2d(np.corrcoef(points, rowvar=False))
-        style: Style = {"fill": False, "color": RED, "lw": 1.6, "zorder": 5}
-        if 1 - correlation[0, 1] ** 2 < NARROW:  # its line would hide the samples
-=======
         covariance = np.cov(points.T)
         style: Style = {"fill": False, "color": RED, "lw": 1.6, "zorder": 5}
         # A line as wide as usual would hide the samples.
         if np.linalg.det(covariance) < NARROW * np.diag(covariance).prod():
->>>>>>> main
             style["lw"] = 0.6
         patch = Ellipse(points.mean(axis=0), width, height, angle=angle, **style)
         axes.add_patch(patch)

@@ -265,13 +265,9 @@ def tabulate_prior(
     """Return a table of names and bounds, and of this package's marginals."""
     columns: list[Column] = [("parameter", "", list(prior.names))]
     columns += unit_column((units or {}).get(name, "") for name in prior.names)
-<<<<<<< HEAD
-    if isinstance(prior, GaussianPrior | IndependentPrior):
-        # scipy's uniform(loc, scale) would be taken for the bounds, which stand beside.
-        laws = [re.sub(r"^uniform\(.*", "uniform", law) for law in prior.distributions]
-=======
     if laws := list_laws(prior):
->>>>>>> main
+        # scipy's uniform(loc, scale) would be taken for the bounds, which stand beside.
+        laws = [re.sub(r"^uniform\(.*", "uniform", law) for law in laws]
         columns.append(("prior", "", laws))
     low, high = np.transpose(prior.bounds)
     columns += [("lower", ".4g", low), ("upper", ".4g", high)]
