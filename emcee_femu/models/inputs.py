@@ -151,10 +151,15 @@ def read_matrix(
         sparse: Whether to return a float64 ``csc_array`` without stored zeros.
 
     Raises:
-        TypeError: If the matrix is sparse where a dense one is expected.
+        TypeError: If it is no matrix, or sparse where a dense one is expected.
         ValueError: If the matrix is not square, not of ``size`` where that is given, or
             differs from its transpose by more than 1e-6 of its largest entry.
     """
+    if value is None or isinstance(value, str):
+        raise TypeError(
+            f"{argument}: expected a matrix, got {value!r}; read_matrices reads files, "
+            "and 0 * M0 is one of zeros, where nothing is fixed"
+        )
     if issparse(value) and not sparse:
         raise TypeError(
             f"{argument}: a sparse matrix beside a dense K0; give K0 as a scipy.sparse "

@@ -146,7 +146,9 @@ class MatrixModel(AffineModel):
     **scipy.sparse** matrix, the others may be sparse or dense and are converted. Each
     parameter set then costs one sparse factorisation and a Lanczos iteration; an M that
     depends on parameters costs a second factorisation, to check it. Massless DOFs are
-    allowed. For thousands of evaluations of a large model, see :func:`reduce_model`.
+    allowed. Up to a few hundred DOFs dense matrices are much faster: give
+    ``K0.toarray()`` if ``scipy.io.mmread`` returned K0. For thousands of evaluations of
+    a large model, see :func:`reduce_model`.
 
     Args:
         K0: Constant part of the stiffness, ``(N, N)``, symmetric.

@@ -251,7 +251,7 @@ class LogPosterior(Report):
         for experiment in self.experiments:
             name = f"{experiment.name}: " if experiment.name else ""
             terms = ", ".join(experiment.term_names)
-            stored = ", ".join(experiment.variables)
+            stored = ", ".join(experiment.variables) or "nothing"
             model = type(experiment.model).__name__
             yield f"{name}{model}; terms: {terms}; stored: {stored}"
 

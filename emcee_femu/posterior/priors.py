@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -265,6 +266,8 @@ def tabulate_prior(
     columns: list[Column] = [("parameter", "", list(prior.names))]
     columns += unit_column((units or {}).get(name, "") for name in prior.names)
     if laws := list_laws(prior):
+        # scipy's uniform(loc, scale) would be taken for the bounds, which stand beside.
+        laws = [re.sub(r"^uniform\(.*", "uniform", law) for law in laws]
         columns.append(("prior", "", laws))
     low, high = np.transpose(prior.bounds)
     columns += [("lower", ".4g", low), ("upper", ".4g", high)]

@@ -39,7 +39,7 @@ OUTVOTED = 5  # times as many values in another term
 SMALL_MAXIMUM = 0.01  # weight of one whose modes do not matter
 WRONG = 2.0  # times what was measured, or its inverse: more than a model's error
 NOT_DRAWN = "no term draws new measurements of what the model stores"
-NO_DATA = "no term says what was measured, as of a bare log-likelihood"
+NO_DATA = "no term says what was measured; a bare log-likelihood cannot"
 NOT_KNOWN = "to_inference_data(source, posterior) has the data of a LogPosterior"
 
 

@@ -85,8 +85,9 @@ def measured_variables(idata: InferenceData) -> list[Measured]:
     """
     if not (every := read_measured(idata)):
         raise ValueError(
-            "idata: there are no data, for no likelihood term says what it measured of "
-            f"the response {list(dataset(idata, 'response').data_vars)}"
+            "idata: no likelihood term says what was measured of the response "
+            f"{list(dataset(idata, 'response').data_vars)} (its `observed`); a bare "
+            "log-likelihood has no data to compare with"
         )
     return every
 

@@ -18,6 +18,9 @@ class Emulated:
         return {}
 
 
+M = np.eye(2)
+
+
 @pytest.mark.parametrize(
     ("call", "error", "cure"),
     [
@@ -27,6 +30,8 @@ class Emulated:
         (lambda: ef.diagnose(Emulated()), TypeError, r"\.posterior"),
         (lambda: ef.GaussianPrior({"k1": (50, 9)}), TypeError, r"\['k1'\], mean, sd"),
         (lambda: ef.GaussianPrior(["k1"], [50.0]), ValueError, "sd"),
+        (lambda: ef.MatrixModel("K.mtx", M, {}, n_modes=1), TypeError, "read_matrices"),
+        (lambda: ef.MatrixModel(None, M, {}, n_modes=1), TypeError, r"0 \* M0"),
         (lambda: ef.MetropolisMove([[1.0, 0.0], [0.0, 1.0]]), ValueError, "cov="),
         (lambda: ef.report(None, "tower.pdf"), ValueError, "tower.html"),
         (lambda: ef.frf.FRFMeasurements.from_uff("a"), ImportError, r"femu\[uff\]"),
