@@ -159,6 +159,7 @@ MUTANTS = {  # move, walkers, ensembles, steps
     "mutant", [pytest.param(m, marks=SLOW) if m[:3] == "all" else m for m in MUTANTS]
 )
 def test_the_check_catches_a_broken_move(mutant):
+    """The power of the law; the bias of one mutant is small."""
     move, *effort = MUTANTS[mutant]
     target = Warm() if mutant == "too warm" else Gaussian()
     assert exact_start(move, target, *effort) > LIMIT

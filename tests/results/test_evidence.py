@@ -125,6 +125,7 @@ def half_solvable(parameters):
 
 @pytest.mark.slow
 def test_the_evidence_is_that_of_the_prior_where_it_can_be_solved():
+    """The law where half of the prior fails: a closed form."""
     law, model = LAWS["bounded"], ef.FunctionModel(half_solvable, n_modes=1)
     posterior = ef.LogPosterior(model, law.term, law.posterior.prior)
     reject = {"on_failure": "reject", "max_failures": 0.9}
