@@ -151,7 +151,7 @@ MUTANTS = {  # move, walkers, ensembles, steps
     "differences of one sign": (OneSign(), 6, 80, 8),
     "no density": (NoHastingsFactor.fit(SHIFTED, df=3.0), 6, 80, 8),
     "too warm": (DEMCMove(), 6, 160, 12),
-    "with a drift": (Drifting(sd=0.4), 6, 80, 8),
+    "with a drift": (Drifting(cov=0.4 * np.eye(3)), 6, 80, 8),
 }
 
 
