@@ -60,6 +60,7 @@ def test_hamiltonian():
 
 @pytest.mark.slow
 def test_damage_alarms(capsys):
+    """What the page quotes is printed: intervals hold, in some pairs of each loss."""
     table = load("damage_alarms").main(4)
     assert table.column("pairs") == [3, 1]
     assert min(table.column("95 %")) > 60 and "Alarms" in capsys.readouterr().out

@@ -89,9 +89,6 @@ def test_front_picture(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)  # the tutorial writes files
     front = load("front_picture")
     monkeypatch.setattr(front.runpy, "run_path", begin)
-    move, steps = ef.DEMCMove(), {"steps": 400, "ensembles": 1, "seed": 2}
-    run = ef.run  # the site's build has the page's own, which takes longer
-    monkeypatch.setattr(ef, "run", lambda posterior, **_: run(posterior, move, **steps))
     committed = plt.imread(inspect.signature(front.main).parameters["output"].default)
     with plt.rc_context():
         front.main(tmp_path / "front.png")

@@ -151,7 +151,7 @@ MUTANTS = {  # move, walkers, ensembles, steps
     "differences of one sign": (OneSign(), 6, 80, 8),
     "no density": (NoHastingsFactor.fit(SHIFTED, df=3.0), 6, 80, 8),
     "too warm": (DEMCMove(), 6, 160, 12),
-    "with a drift": (Drifting(sd=0.4), 6, 80, 8),
+    "with a drift": (Drifting(cov=0.4 * np.eye(3)), 6, 80, 8),
 }
 
 
@@ -159,6 +159,7 @@ MUTANTS = {  # move, walkers, ensembles, steps
     "mutant", [pytest.param(m, marks=SLOW) if m[:3] == "all" else m for m in MUTANTS]
 )
 def test_the_check_catches_a_broken_move(mutant):
+    """The power of the law; the bias of one mutant is small."""
     move, *effort = MUTANTS[mutant]
     target = Warm() if mutant == "too warm" else Gaussian()
     assert exact_start(move, target, *effort) > LIMIT

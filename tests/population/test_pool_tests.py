@@ -144,7 +144,7 @@ def test_a_test_out_of_reach_is_named_and_reached_when_it_is_sampled_again():
     tests["odd"] = as_idata(names, theta, lp, log_prior, prior)
     narrow = {"sd k1": stats.uniform(0.0, 0.2)}
     population = ef.population.NormalPopulation(names, hyperpriors=narrow)
-    options = {"seed": 1, "steps": 120, "ensembles": 2}
+    options = {"seed": 1, "steps": 300, "ensembles": 2}
     dragged = ef.pool_tests(tests, population, **options)
     assert dragged.unreached == ("odd", "t5") and dragged.effective[-2] < 15
     assert "odd" in dragged.conclusion and dragged.pareto_k[-1] > 1

@@ -125,10 +125,11 @@ def half_solvable(parameters):
 
 @pytest.mark.slow
 def test_the_evidence_is_that_of_the_prior_where_it_can_be_solved():
+    """The law where half of the prior fails: a closed form."""
     law, model = LAWS["bounded"], ef.FunctionModel(half_solvable, n_modes=1)
     posterior = ef.LogPosterior(model, law.term, law.posterior.prior)
     reject = {"on_failure": "reject", "max_failures": 0.9}
-    runs = tempered(posterior, 16, 600, 5, **reject)
+    runs = tempered(posterior, 16, 1_000, 5, **reject)
     found = ef.log_evidence(runs, discard=50)
     inside = np.log(0.5**2 / 2 / 0.5) + law.log_evidence - np.log(1 / 2)
     assert found.log_evidence_error < 0.1

@@ -155,6 +155,7 @@ def kill(task, *arguments):
     ["chain", *(pytest.param(k, marks=SLOW) for k in ("workers", "auto"))],
 )
 def test_kills_at_random_times_leave_the_bits_of_a_whole_run(path, kind):
+    """The law of files: what was stored when a process died is gone on with."""
     assert kill("random_kills", kind, str(path), 5) >= 2
 
 

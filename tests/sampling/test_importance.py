@@ -190,10 +190,10 @@ def test_polynomials_have_more_points_than_terms_though_draws_are_out_of_bounds(
 
 @pytest.mark.slow
 def test_a_bent_ridge_is_exact_takes_few_solves_and_is_resumed_to_the_bit(tmp_path):
-    """The law of surfaces in "auto": of five storeys three frequencies are known."""
-    names, drift = [f"k{i}" for i in range(5)], np.eye(5) - np.eye(5, k=-1)
+    """The law of surfaces in "auto": of six storeys four frequencies are known."""
+    names, drift = [f"k{i}" for i in range(6)], np.eye(6) - np.eye(6, k=-1)
     stiffness = {name: np.outer(b, b) for name, b in zip(names, drift, strict=True)}
-    model = ef.MatrixModel(np.zeros((5, 5)), np.eye(5), K=stiffness, n_modes=3)
+    model = ef.MatrixModel(np.zeros((6, 6)), np.eye(6), K=stiffness, n_modes=4)
     prior = ef.IndependentPrior({name: stats.lognorm(0.2, scale=9) for name in names})
     truth = prior.sample(np.random.default_rng(1), 1)
     measured = model(dict(zip(names, truth.T, strict=True))).frequencies[0]

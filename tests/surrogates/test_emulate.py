@@ -117,6 +117,7 @@ def support(x):
     ("beam", "solves"), [({}, 12), pytest.param({"e": (0.5, 1.5)}, 22, marks=SLOW)]
 )
 def test_a_spring_over_six_decades_takes_few_solves(beam, solves):
+    """The law of logarithms, on a grid; with a second parameter it takes seconds."""
     prior = ef.IndependentPrior(beam | {"k": stats.loguniform(1e3, 1e9)})
     term = Gaussian(np.array([4.0, 9.6, 17.4]), 0.04)
     emulated = ef.emulate(posed(support, term=term, prior=prior), solves, seed=1)
