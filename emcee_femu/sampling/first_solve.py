@@ -50,6 +50,14 @@ def check_first_solve(evaluator: Evaluation) -> tuple[float, list[str]]:
     return float(seconds), doubts
 
 
+def time_batch(evaluation: Evaluation) -> float:
+    """Return seconds of a solve among others: a single first call may be far slower."""
+    centre = prior_centre(evaluation.posterior.prior)
+    begin = time.perf_counter()
+    evaluation.again(np.tile(centre, (REACH_DRAWS, 1)))
+    return (time.perf_counter() - begin) / REACH_DRAWS
+
+
 def _compare(evaluation: Evaluation) -> tuple[int, list[str], float]:
     """Return how many solves were made, what to warn of, and seconds of a solve."""
     posterior = evaluation.posterior

@@ -40,7 +40,7 @@ from .arguments import (
     weigh_moves,
 )
 from .auto import budget_of, search_and_start
-from .first_solve import check_first_solve, draw_starts
+from .first_solve import check_first_solve, draw_starts, time_batch
 from .record import (
     STOPPED_BY_SOLVES,
     STOPPED_BY_STEPS,
@@ -60,7 +60,7 @@ SIZED_FOR = 10_000  # evaluations for whose chain a search is made then
 FEWEST_SOLVES_OF_AUTO = 10_000  # of which a search has half
 # Solves that a run takes as a rule, and seconds above which that is said before.
 USUAL_SOLVES, LONG_RUN = 20_000, 600.0
-SHARED_CALL = 0.005  # seconds of a call that takes all walkers, not of each solve
+BRIEF = 1.0  # seconds of a solve below which a few more are made to know them better
 
 
 def run(
@@ -231,8 +231,10 @@ def run(
             most = min(most, solves // 2)
         if store is None or not store.lengths().get(1):
             usual = (weighted is None) * evaluations + evaluations
-            seconds -= SHARED_CALL * (not posterior.one_by_one)
-            _warn_if_long(seconds, USUAL_SOLVES if steps is None else usual)
+            usual = USUAL_SOLVES if steps is None else usual
+            if LONG_RUN / usual < seconds < BRIEF:
+                seconds = time_batch(evaluator)
+            _warn_if_long(seconds, usual)
         if weighted is None:
             search, states = _search(
                 evaluator, store, shape, evaluations, most, points, progress

@@ -87,7 +87,6 @@ def test_a_long_run_is_warned_of_before_the_search(monkeypatch):
     import emcee_femu.sampling.run as module
 
     monkeypatch.setattr(module, "LONG_RUN", 1e-6)
-    monkeypatch.setattr(module, "SHARED_CALL", 0.0)
     with pytest.warns(UserWarning, match="hours"):
         run(steps=2)
 
