@@ -206,7 +206,7 @@ class LogPosterior(Report):
             >>> posterior([1.5, 2.0]).round(3).tolist()
             [-5.906, -5.781, -0.125, 0.5]
         """
-        boxes = list[object]()
+        boxes = list[tuple[float, float]]()
         if isinstance(prior, Mapping):
             boxes, prior = [*prior.values()], IndependentPrior(prior)
         known: Prior = prior
