@@ -164,7 +164,9 @@ class Report:
             for part in self._parts()
         )
 
-    __repr__ = __str__  # at a prompt, too
+    def __repr__(self) -> str:
+        """Return the same text at a prompt."""
+        return str(self)
 
     def _repr_html_(self) -> str:
         """Return the same as HTML for notebooks."""
