@@ -255,7 +255,7 @@ class PairedModel:
             ordered = np.sort(chosen, axis=1)
             # Where the best ones differ they are the answer, and usually they do.
             repeated = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
-            for i in np.flatnonzero(repeated):
+            for i in np.flatnonzero(repeated).tolist():
                 chosen[i] = linear_sum_assignment(score[i], maximize=True)[1]
         paired = np.take_along_axis(shapes, chosen[:, None], axis=2)
         number = np.take_along_axis(shared, chosen, axis=1)
