@@ -4,7 +4,7 @@ import inspect
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import TypeAlias
 
 import numpy as np
@@ -49,7 +49,7 @@ class Coefficients:
     parts: tuple[Mapping[str, Coefficient], ...]
     positive: str = ""
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """The parameters, each once."""
         every = (named for part in self.parts for named, _ in part.values())
@@ -63,12 +63,14 @@ class Coefficients:
                 or a function does not return n finite numbers.
         """
         values, n = read_batch(parameters, self.names)
-        for name in self.names if self.positive else ():
-            if not (values[name] > 0).all():
-                raise ValueError(
-                    f"parameters: the {self.positive} {name!r} must be above zero, got "
-                    f"{values[name].min():g}; give its prior a lower bound"
-                )
+        every = [values[name] for name in self.names] if self.positive else []
+        if not np.min(every, initial=np.inf) > 0:
+            least = {name: values[name].min() for name in self.names}
+            name = min(least, key=least.__getitem__)
+            raise ValueError(
+                f"parameters: the {self.positive} {name!r} must be above zero, got "
+                f"{least[name]:g}; give its prior a lower bound"
+            )
         rows = [
             np.array([_evaluate(label, part[label], values, n) for label in part])
             for part in self.parts

@@ -115,7 +115,10 @@ class MassSpringModel:
         """Return the values of all springs and masses, or their defaults."""
         values, n = checks.batch(parameters)
         defaults = self._stiffnesses | self._masses
-        return {k: values.get(k, np.full(n, x)) for k, x in defaults.items()}
+        return {
+            name: values[name] if name in values else np.full(n, value)
+            for name, value in defaults.items()
+        }
 
 
 def _read_stiffnesses(springs: Springs) -> tuple[dict[str, float], dict[str, str]]:

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 import emcee_femu as ef
-from emcee_femu.evaluation.evaluator import Evaluation
+from emcee_femu.evaluation.resume import open_evaluator
 from emcee_femu.moves.mixture import Mixture
 from emcee_femu.sampling.importance import (
     bridge,
@@ -179,7 +179,7 @@ def test_polynomials_have_more_points_than_terms_though_draws_are_out_of_bounds(
     term = ef.FrequencyTerm([3.1, 5.2], relative_sd=0.02)
     posterior = ef.LogPosterior(Powers(), term, prior)
     mixture = Mixture(np.ones(1), np.zeros((1, 2)), 0.5 * np.eye(2)[None], 50.0)
-    with Evaluation.open(posterior, None, None, "raise", 0.2) as evaluation:
+    with open_evaluator(posterior, {}, None, None, "raise", 0.2) as evaluation:
         surface, _ = learn_surface(evaluation, mixture, np.random.default_rng(1))
         theta = prior.sample(np.random.default_rng(2), 50)
         exact = posterior(theta)[:, 0]
