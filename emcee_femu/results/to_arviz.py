@@ -60,8 +60,8 @@ def to_inference_data(
                                  a term can draw one
     ``posterior_predictive``     500 draws of these, for ``arviz.plot_ppc``
     ``prior``                    1,000 draws of the prior
-    ``prior_predictive``         a new measurement for each of the first of these, as
-                                 many as ``prior_predictive=`` says
+    ``prior_predictive``         a new measurement for each of the first
+                                 ``prior_predictive`` of these
     ``observed_data``            the measurements, by the name of the variable; a
                                  second measurement as ``frequency[term]``
     ``constant_data``            lower and upper bounds; prior_mean and prior_sd inside
@@ -84,9 +84,9 @@ def to_inference_data(
     Args:
         source: The result of :func:`run`, any EnsembleSampler, a backend, or the name
             of a run's file; or the result of :func:`anneal`, whose members become one
-            chain. An ArviZ object is returned unchanged. Of a LogPosterior, which has
-            no samples yet, what is known before is converted: the groups ``prior``,
-            ``prior_predictive``, ``observed_data`` and ``constant_data``.
+            chain. An ArviZ object is returned unchanged. A LogPosterior has no samples
+            yet, and gives the groups ``prior``, ``prior_predictive``,
+            ``observed_data`` and ``constant_data``.
         posterior: The sampled posterior, if the source does not hold it.
         discard: Number of stored steps to drop as burn-in.
         thin: Keep every ``thin``-th stored step.
@@ -124,7 +124,18 @@ def to_inference_data(
         {'chain': 1, 'draw': 100, 'mode': 5}
     """
     count = checks.whole_number("prior_predictive", prior_predictive)
+    if count > PRIOR_STORED:
+        raise ValueError(
+            f"prior_predictive: expected at most {PRIOR_STORED}, the draws of the "
+            f"prior that are stored, got {count}"
+        )
     if isinstance(source, LogPosterior):
+        of_samples = posterior, names, term
+        if discard or thin != 1 or any(given is not None for given in of_samples):
+            raise ValueError(
+                "source: a LogPosterior has no samples yet; give a run, or leave out "
+                "posterior, discard, thin, names and term"
+            )
         data, posterior = wrap(_fixed_groups(source, {}, source.initial)), source
     elif names is None:
         data, posterior = read_samples(source, posterior, discard, thin, "source", term)

@@ -240,6 +240,10 @@ def test_arviz_compares_each_datum_of_a_term_with_the_others(runs, idata):
             ef.to_inference_data(source, **options)
     with pytest.raises(TypeError, match="posterior"):
         ef.to_inference_data(idata, prior_predictive=3)
+    with pytest.raises(ValueError, match="discard"):  # of a posterior without samples
+        ef.to_inference_data(POSTERIOR, discard=10)
+    with pytest.raises(ValueError, match="prior_predictive"):
+        ef.to_inference_data(POSTERIOR, prior_predictive=1_001)
 
 
 @pytest.mark.parametrize("plain", [True, False])
