@@ -189,7 +189,7 @@ class SearchRecord(Report):
         surface: Arguments of that surface, where there is one and it is kept.
         from_prior: How many climbs began at draws of the prior, whatever their height.
         followed: By experiment, the number that each mode of the structure at the prior
-            mean has at the maxima, ``(g, p)``; see :func:`.follow_modes`.
+            mean has at the maxima, ``(g, p)``; 0 where it lost its shape.
     """
 
     mixture: Mixture
