@@ -191,7 +191,13 @@ def find_anywhere(app: Any, env: Any, node: Any, text: Any) -> Any:
     return env.get_domain("py").resolve_xref(env, *where, node["reftarget"], node, text)
 
 
+def mix(app: Any, env: Any, names: list[str]) -> None:
+    """Spread the pages that compute over the parts that processes read one by one."""
+    names.sort(key=lambda name: name[::-1])
+
+
 def setup(app: Any) -> None:
     """Ask for names once more before a missing one is reported; offer notebooks."""
+    app.connect("env-before-read-docs", mix)
     app.connect("missing-reference", find_anywhere)
     app.connect("html-page-context", offer_notebook, priority=400)  # before the theme
