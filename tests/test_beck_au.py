@@ -19,14 +19,14 @@ def in_one_mode(nwalkers):
 @pytest.mark.slow
 def test_tempered_walkers_cross_to_the_mode_they_did_not_start_in():
     """The law of tempering: weight, mean and evidence of the quadrature."""
-    block, betas = 200, np.linspace(1, 0, 7) ** 4
+    block, betas = 250, np.linspace(1, 0, 7) ** 4
     move = ef.moves.TemperedMove(DEMCMove(), betas)
     nwalkers = block * len(betas)
     (run,) = ef.run(
         BECK_AU,
         move,
         nwalkers,
-        1_200,
+        1_500,
         seed=1,
         starts=in_one_mode(nwalkers),
         ensembles=1,

@@ -12,9 +12,10 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from copy import deepcopy
+from importlib import import_module
 from importlib.util import find_spec
 from inspect import signature
-from threading import Lock
+from threading import Lock, RLock
 from typing import Any, TypeAlias
 
 import emcee
@@ -270,6 +271,11 @@ def progress_bar(progress: bool | str, total: int, text: str) -> Bar:
         if not _in_notebook():
             return _Lines(total, text)
         progress = "notebook"
+    if progress and find_spec("tqdm") is not None:
+        # tqdm's own lock, of processes, would settle how processes are started.
+        bars = import_module("tqdm").tqdm
+        if not hasattr(bars, "_lock"):
+            bars.set_lock(RLock())
     return get_progress_bar(progress, total, desc=text)
 
 
