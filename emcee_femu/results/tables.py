@@ -114,13 +114,10 @@ def parameter_table(
         columns.append((title, ".5g", column))
     title = f"Updating parameters{describe_certificate(idata)}"
     near = (np.abs(draws - mean) < NEAR_MEAN * sd).mean(axis=0)
-    # Of constant samples none is nearer than 0, which is no cloud beside the mean.
-    if between := [
-        n
-        for n, share, s in zip(names, near, sd, strict=True)
-        if share < FEW_NEAR and s > 0
-    ]:
-        title += f" (the mean of {', '.join(between)} lies between clouds of samples)"
+    # Constant samples, of which none is nearer than 0, are no clouds.
+    between = ", ".join(np.array(names)[(near < FEW_NEAR) & (sd > 0)])
+    if between:
+        title += f" (the mean of {between} lies between clouds of samples)"
     return Table.from_columns(title, columns)
 
 

@@ -153,6 +153,11 @@ def to_inference_data(
     theta = posterior.prior.sample(np.random.default_rng(0), PRIOR_STORED)[:count]
     rows = posterior(theta)[:, None, None]
     new = gather_by_terms(posterior, theta[:, None, None], rows)["new_measurement"]
+    if not new:
+        raise ValueError(
+            "prior_predictive: no likelihood term draws new measurements, as of a bare "
+            "log-likelihood; leave it out"
+        )
     return wrap(groups(data) | {"prior_predictive": _dataset(new, {}, {})})
 
 

@@ -136,7 +136,12 @@ def search_and_start(
         )  # for jumps between modes
     weights, errors = weigh(labels, trial.log_weights, count)
     height = np.where(labels[:, None] == np.arange(count), trial.rows[:, :1], -np.inf)
-    followed = follow_modes(evaluator.posterior, trial.theta[height.argmax(axis=0)])
+    met = np.isfinite(height.max(axis=0))
+    highest = trial.theta[height.argmax(axis=0)]
+    followed = {
+        experiment: np.where(met[:, None], numbers, 0)
+        for experiment, numbers in follow_modes(evaluator.posterior, highest).items()
+    }
     record = SearchRecord(
         mixture=trial.mixture,
         mode_of=mode_of,
@@ -151,7 +156,7 @@ def search_and_start(
         climbs=search.climbs,
         from_prior=search.from_prior,
         annealed=bool(populations),
-        solves=evaluator.solves + len(followed) * (count + 1),
+        solves=evaluator.solves + len(followed) * (count + 2),
         share=share,
         trajectories=trajectories,
         screened=screened,

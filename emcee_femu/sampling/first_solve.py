@@ -51,7 +51,7 @@ def check_first_solve(evaluator: Evaluation) -> tuple[float, list[str]]:
 
 
 def time_batch(evaluation: Evaluation) -> float:
-    """Return seconds of a solve among others: a single first call may be far slower."""
+    """Return seconds of a solve in a batch, which is not counted."""
     centre = prior_centre(evaluation.posterior.prior)
     begin = time.perf_counter()
     evaluation.again(np.tile(centre, (REACH_DRAWS, 1)))

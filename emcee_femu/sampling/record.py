@@ -215,7 +215,7 @@ class SearchRecord(Report):
     @property
     def followed_in(self) -> int:
         """Solves by which modes were followed, which no evaluator counted."""
-        return len(self.followed) * (len(self.weights) + 1)
+        return len(self.followed) * (len(self.weights) + 2)
 
     @property
     def proposal(self) -> IndependenceMove:

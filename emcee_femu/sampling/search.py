@@ -39,6 +39,7 @@ NEGLIGIBLE = 12.0  # log evidence below the largest without a component
 SCAN_WIDENS = 2.0  # ratio of the widths of scans about the modes
 MOST_SCANS = 6
 FIRST_DF = 8.0
+SAME_SHAPE = 0.8  # MAC of a mode that is followed: two turned ones share less
 
 
 class Search:
@@ -266,7 +267,7 @@ def follow_modes(posterior: LogPosterior, theta: Floats) -> dict[str, Floats]:
 
     Modes are followed by the model's own shapes, where it has shapes and its modes are
     compared in ascending order. If two of them change places, so do the frequencies
-    that they are compared with. It takes a solve at each point, and one at the prior
+    that they are compared with. It takes a solve at each point, and two at the prior
     mean.
 
     Args:
@@ -275,7 +276,8 @@ def follow_modes(posterior: LogPosterior, theta: Floats) -> dict[str, Floats]:
 
     Returns:
         The numbers of the modes ``(g, p)``, 1 = the lowest, by experiment; 0 for a mode
-        that no longer has its shape. Empty where nothing is known.
+        that no longer has its shape, or is so close to another at the prior mean that
+        they have no order. Empty where nothing is known.
     """
     centre = prior_centre(posterior.prior)
     reference = dict(zip(posterior.names, centre.tolist(), strict=True))
@@ -294,9 +296,15 @@ def follow_modes(posterior: LogPosterior, theta: Floats) -> dict[str, Floats]:
                 ),  # any: it is by shapes that they are paired
                 reference=reference,
                 candidates=offered["frequency"].size,
+                min_mac=SAME_SHAPE,
             )
-            found = at_mean(posterior.parameters(theta))
+            found = at_mean(posterior.parameters(np.vstack([centre, theta])))
         except Exception:  # of any kind: it is the user's model that raised
             continue
-        followed[experiment.name] = np.where(found.unpaired, 0, found.model_mode)
+        close = (
+            np.diff(found.frequencies[0]) < at_mean.min_gap * found.frequencies[0, 1:]
+        )
+        unclear = np.append(close, False) | np.append(False, close)
+        numbers = np.where(found.unpaired | unclear, 0, found.model_mode)
+        followed[experiment.name] = numbers[1:]
     return followed

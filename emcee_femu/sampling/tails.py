@@ -5,6 +5,7 @@ much of the variance, and a chain that never met it looks well.
 """
 
 import numpy as np
+from scipy.special import expit
 
 from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
@@ -35,6 +36,8 @@ def climb_tails(evaluator: Evaluation, draws: Draws, most: float) -> list[Compon
         draws: Weighted draws.
         most: Solves after which no climb begins.
     """
+    if 1 / (draws.shares**2).sum() < WELL_SEEN**2:
+        return []  # so few draws do not say where the posterior ends
     for j in range(draws.x.shape[1]):
         lower, upper = (_follow(evaluator, draws, j, side, most) for side in (0, 1))
         if lower or upper:
@@ -68,10 +71,12 @@ def _follow(
         else:
             start = np.clip(place + way, *box.T)
             (top,) = climb(evaluator, start[None], guess, box=box, masses=True)
-            mass = float(np.exp(top.log_evidence - draws.log_evidence))
+            # Its share of what is known then, which may be nearly all.
+            mass = float(expit(top.log_evidence - draws.log_evidence))
             part = mass * square
-            end, guess = top.theta, top.covariance
-            way = end - place
+            end, way = top.theta, top.theta - place
+            if np.isfinite(top.covariance).all():  # else there is no maximum
+                guess = top.covariance
             if way @ before < 0:  # from one arm to another
                 way = 0.0 * way
             agree = seen > SEEN * error and mass < AGREE * seen

@@ -244,6 +244,9 @@ def test_arviz_compares_each_datum_of_a_term_with_the_others(runs, idata):
         ef.to_inference_data(POSTERIOR, discard=10)
     with pytest.raises(ValueError, match="prior_predictive"):
         ef.to_inference_data(POSTERIOR, prior_predictive=1_001)
+    bare = ef.LogPosterior.from_function(lambda x: -(x @ x), {"a": (-1, 1)})
+    with pytest.raises(ValueError, match="prior_predictive"):
+        ef.to_inference_data(bare, prior_predictive=10)
 
 
 @pytest.mark.parametrize("plain", [True, False])

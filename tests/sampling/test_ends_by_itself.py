@@ -1,5 +1,8 @@
 """A run without steps= ends by its own verdict, and is the same however it is made."""
 
+import time
+import warnings
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -89,6 +92,29 @@ def test_a_long_run_is_warned_of_before_the_search(monkeypatch):
     monkeypatch.setattr(module, "LONG_RUN", 1e-6)
     with pytest.warns(UserWarning, match="hours"):
         run(steps=2)
+
+
+@pytest.mark.parametrize("slow", [1, 2])
+def test_a_batch_is_timed_where_the_first_solve_looks_slow(slow, monkeypatch):
+    """A first call may load what the others have; 16 points then say what they take."""
+    import emcee_femu.sampling.run as module
+
+    calls = []
+
+    def sleepy(x):
+        calls.append(len(x))
+        if len(calls) <= slow:
+            time.sleep(0.5)
+        return gaussian(x)
+
+    # Far from .5 s / 16 and from nothing, for so many evaluations.
+    monkeypatch.setattr(module, "LONG_RUN", 4 * 10 * 4 * 0.02)
+    posterior = free_posterior(sleepy, box(-9, 9, 2))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        ef.run(posterior, ef.DEMCMove(), 10, 4, seed=1)
+    assert calls[:2] == [1, 16]
+    assert any("hours" in str(one.message) for one in caught) == (slow == 2)
 
 
 def test_a_search_that_was_stopped_goes_on_with_the_budget_that_it_had(

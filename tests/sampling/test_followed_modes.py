@@ -49,6 +49,18 @@ def test_nothing_is_said_without_shapes_or_of_paired_modes(model):
     assert ef.diagnose(found).fit.status == "fits"
 
 
+def test_modes_that_are_equal_at_the_prior_mean_have_no_order_to_lose():
+    turn = np.array([[np.cos(1.2), -np.sin(1.2)], [np.sin(1.2), np.cos(1.2)]])
+    units = {name: np.outer(q, q) for name, q in zip(PRIOR.names, turn.T, strict=True)}
+    zero, mass = np.zeros((2, 2)), np.eye(2)
+    model = ef.MatrixModel(zero, mass, units, n_modes=2, shapes=True)
+    alike = ef.GaussianPrior(PRIOR.names, [1_300, 1_300], [400, 400], PRIOR.bounds)
+    found = run_of(model, prior=alike)
+    (numbers,) = found.search.followed.values()
+    assert numbers.shape == (2, 2) and not numbers.any()
+    assert ef.diagnose(found).fit.status == "fits"
+
+
 def test_following_is_counted_in_solves():
     asked = []
 
