@@ -36,8 +36,6 @@ def climb_tails(evaluator: Evaluation, draws: Draws, most: float) -> list[Compon
         draws: Weighted draws.
         most: Solves after which no climb begins.
     """
-    if 1 / (draws.shares**2).sum() < WELL_SEEN**2:
-        return []  # so few draws do not say where the posterior ends
     for j in range(draws.x.shape[1]):
         lower, upper = (_follow(evaluator, draws, j, side, most) for side in (0, 1))
         if lower or upper:

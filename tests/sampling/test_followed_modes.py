@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 
 import emcee_femu as ef
+from emcee_femu.sampling.search import follow_modes
 
 SPRINGS = {"k1": (0, 1, 1_000.0), "k2": (0, 2, 1_600.0)}  # two masses, each on its own
 MODEL = ef.MassSpringModel([1.0, 1.0], SPRINGS, shapes=True)
+FREE = [(200, 4_000), (200, 4_000), (0.1, 4_000)]
 MEASURED = np.sqrt([1_000.0, 1_600.0]) / (2 * np.pi)
 PRIOR = ef.GaussianPrior(["k1", "k2"], [1_200, 1_400], [400, 400], [(200, 4_000)] * 2)
 
@@ -59,6 +61,17 @@ def test_modes_that_are_equal_at_the_prior_mean_have_no_order_to_lose():
     (numbers,) = found.search.followed.values()
     assert numbers.shape == (2, 2) and not numbers.any()
     assert ef.diagnose(found).fit.status == "fits"
+
+
+def test_a_mode_that_lost_its_shape_is_not_followed():
+    springs = SPRINGS | {"k12": (1, 2, 1.0)}  # joins the masses
+    model = ef.MassSpringModel([1.0, 1.0], springs, shapes=True)
+    prior = ef.GaussianPrior([*springs], [1_200, 1_400, 1], [400, 400, 500], FREE)
+    term = ef.FrequencyTerm(MEASURED, relative_sd=0.02)
+    posterior = ef.LogPosterior(model, term, prior)
+    apart, joined = [1_000.0, 1_600.0, 1.0], [1_300.0, 1_300.0, 400.0]
+    (numbers,) = follow_modes(posterior, np.array([apart, joined])).values()
+    assert numbers.tolist() == [[1, 2], [0, 0]]
 
 
 def test_following_is_counted_in_solves():
