@@ -39,7 +39,7 @@ NEGLIGIBLE = 12.0  # log evidence below the largest without a component
 SCAN_WIDENS = 2.0  # ratio of the widths of scans about the modes
 MOST_SCANS = 6
 FIRST_DF = 8.0
-SAME_SHAPE = 0.8  # MAC of a mode that is followed: two turned ones share less
+FOLLOWED_MAC = 0.8  # MAC of a mode that is followed: two turned ones share less
 
 
 class Search:
@@ -291,19 +291,16 @@ def follow_modes(posterior: LogPosterior, theta: Floats) -> dict[str, Floats]:
         try:
             at_mean = PairedModel(
                 experiment.model,
-                np.arange(
-                    1.0, max(sizes) + 1
-                ),  # any: it is by shapes that they are paired
+                1.0 + np.arange(max(sizes)),  # any: modes are paired by shapes alone
                 reference=reference,
                 candidates=offered["frequency"].size,
-                min_mac=SAME_SHAPE,
+                min_mac=FOLLOWED_MAC,
             )
             found = at_mean(posterior.parameters(np.vstack([centre, theta])))
         except Exception:  # of any kind: it is the user's model that raised
             continue
-        close = (
-            np.diff(found.frequencies[0]) < at_mean.min_gap * found.frequencies[0, 1:]
-        )
+        frequencies = found.frequencies[0]
+        close = np.diff(frequencies) < at_mean.min_gap * frequencies[1:]
         unclear = np.append(close, False) | np.append(False, close)
         numbers = np.where(found.unpaired | unclear, 0, found.model_mode)
         followed[experiment.name] = numbers[1:]
