@@ -51,7 +51,7 @@ def smooth_tail(log_weights: Floats) -> tuple[Floats, float]:
 
     Returns:
         Smoothed log-weights up to a constant, and k; the weights as they are, and an
-        infinite k, if fewer than 25 are above zero.
+        infinite k, if fewer than 25 are above zero or no law can be fitted.
     """
     # Weights of zero are no part of the tail; ArviZ would make NaN of -inf.
     above_zero = np.isfinite(log_weights)
@@ -74,6 +74,8 @@ def smooth_tail(log_weights: Floats) -> tuple[Floats, float]:
         else:
             # Since version 1 it takes log-likelihoods.
             smoothed, k = stats.psislw(-filled)[:2]
+    if np.isnan(k):  # one weight is nearly all: some versions of ArviZ find no law
+        return log_weights, np.inf
     return np.where(above_zero, smoothed, -np.inf), float(k)
 
 

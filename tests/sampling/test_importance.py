@@ -25,6 +25,12 @@ def test_the_tail_of_pareto_weights_has_their_k(k):
     assert np.mean(estimate) == pytest.approx(k, abs=0.06)
 
 
+@pytest.mark.parametrize("spread", [1e3, 1e4, 1e6, 1e8])
+def test_weights_of_which_one_is_all_are_never_called_good(spread):
+    log_weights = -spread * np.random.default_rng(0).exponential(size=112)
+    assert pareto_k(log_weights) > 0.7
+
+
 def test_resampling_is_unbiased_and_off_by_less_than_one_each():
     rng = np.random.default_rng(2)
     weights = rng.dirichlet(np.full(40, 0.5))

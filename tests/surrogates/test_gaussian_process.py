@@ -177,7 +177,7 @@ def test_the_lengths_maximise_the_restricted_likelihood(points, values, rough):
     def ours(logs):
         return gp._restricted(points, values, np.exp(logs), rough, np.ones(2))[0]
 
-    # The differences in place of slopes lose digits at long lengths, hence at short ones.
+    # Where lengths are long, differences in place of slopes lose digits.
     some = np.log([1.2, 1.0, 1.5])
     moved = some + np.array([0.2, -0.1, 0.3])
     expected = cost(moved) - cost(some)
