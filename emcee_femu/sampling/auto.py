@@ -213,6 +213,7 @@ def _find_proposal(
     if (
         trial.acceptance > 0
         and fits[0] < BENT
+        and evaluator.solves < last
         and evaluator.posterior.ndim <= MOST_QUADRATIC
         and evaluator.posterior.normal
     ):
@@ -230,13 +231,12 @@ def _find_proposal(
         evaluator.posterior.differentiable and trial.acceptance < POOR_ACCEPTANCE
     )
     if trial.narrow and not (gradients and trial.efficiency):
-        second = trial
+        affordable, again = evaluator.solves < last, uncover(trial.mixture)
         if trial.acceptance < POOR_ACCEPTANCE:  # the shapes of the modes say too little
             populations = _anneal_each(search, last)
             members = np.concatenate([theta for theta, _ in populations])
-            second = attempt(Mixture.fit(members, "auto", POPULATION_DF))
-        elif evaluator.solves < last:
-            second = attempt(uncover(trial.mixture))
+            again = Mixture.fit(members, "auto", POPULATION_DF)
+        second = attempt(again) if affordable else trial
         trial = second if is_better(second, trial) else trial
     return trial, None, populations, gradients
 

@@ -20,7 +20,7 @@ LARGE_ERROR = 0.3  # prior mean of a relative error: most are meant to be a few 
 NARROW_PRIOR = 9e-5  # sd by mean of a prior, 1e-4 less the error of both by sampling
 # Relative difference of responses that a solver's rounding may make.
 SAME_RESPONSE = 1e-9
-MOST_START_DRAWS = 20  # of a starting point
+MOST_START_DRAWS = 100  # of a starting point
 
 
 def check_first_solve(evaluator: Evaluation) -> tuple[float, list[str]]:

@@ -210,9 +210,9 @@ def _carriers(draws: Draws, mixture: Mixture) -> Iterator[Component]:
         return
     lack = draws.log_p - draws.log_evidence - mixture.log_density(x)
     squares = shares[:, None] * (x - shares @ x) ** 2
-    for terms in squares.T / squares.sum(axis=0)[:, None]:
+    for terms in squares.T:
         held = np.partition(terms, -TERMS)[-TERMS:].sum()
-        if not held > HELD_BY_TERMS:  # also of a parameter that never changes
+        if held <= HELD_BY_TERMS * terms.sum():  # of one draw with all mass, both 0
             continue
         part = np.where(lack > CARRIER_LACK, terms, 0.0)
         if not part.sum() > 0:

@@ -225,7 +225,9 @@ def run(
         shape = nwalkers, ensembles, seed
         search: SearchRecord | None = None
         each = thin_by * nwalkers * ensembles
-        evaluations = SIZED_FOR if steps is None else steps * each
+        # A third of few solves: the search has half, and chains will take the rest.
+        sized_for = min(SIZED_FOR, solves // 3)
+        evaluations = sized_for if steps is None else steps * each
         most = budget_of(evaluations)
         if steps is None:
             most = min(most, solves // 2)

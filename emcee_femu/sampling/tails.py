@@ -21,6 +21,8 @@ WELL_SEEN = 4.5  # 20 effective draws
 SEEN, AGREE = 2.2, 2.0
 TAIL_PART = 0.1  # of a variance, below which a standard deviation is right to 5 %
 WIDEST = 2.0  # a component, in sds of the posterior
+# Effective draws, of fewer of which the covariance may be singular.
+DRAWS_PER_DIMENSION = 2
 STRETCHED = 1 / 6  # of the squared way through a slab: twice the variance along it
 
 
@@ -36,7 +38,10 @@ def climb_tails(evaluator: Evaluation, draws: Draws, most: float) -> list[Compon
         draws: Weighted draws.
         most: Solves after which no climb begins.
     """
-    for j in range(draws.x.shape[1]):
+    dimensions = draws.x.shape[1]
+    if 1 / (draws.shares**2).sum() < DRAWS_PER_DIMENSION * dimensions:
+        return []
+    for j in range(dimensions):
         lower, upper = (_follow(evaluator, draws, j, side, most) for side in (0, 1))
         if lower or upper:
             return lower + upper  # which other parameters may see too

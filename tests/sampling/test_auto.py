@@ -193,6 +193,20 @@ def test_the_search_keeps_to_its_budget_whatever_lies_at_bounds(seed, caplog):
         assert (sampler.acceptance_fraction > 0).mean() > 0.8
 
 
+def narrow(x):
+    """Return a Gaussian of a narrow sd, far from the middle of the prior."""
+    return -4e5 * ((x - np.linspace(0.2, 0.8, 7)) ** 2).sum(axis=1)
+
+
+@pytest.mark.parametrize("solves", [10_000, 15_000])
+@pytest.mark.parametrize(("density", "d"), [(narrow, 7), (pressed, PRESSED)])
+def test_a_search_leaves_half_of_few_solves_to_the_chain(density, d, solves):
+    run = ef.run(free_posterior(density, box(0, 1, d)), solves=solves, seed=3)
+    assert run.search.solves <= solves / 2
+    found = ef.diagnose(run)
+    assert found.converged == (density is narrow)
+
+
 # --- gradients --------------------------------------------------------------------
 
 GRID = np.linspace(-6.0, 3.0, 20_001)
