@@ -12,7 +12,7 @@ from .. import checks
 from ..contracts import Floats
 
 # Two modes this near to each other in frequency and MAC are one, identified twice.
-SAME_FREQUENCY, SAME_SHAPE = 1e-3, 0.99
+SAME_FREQUENCY, SAME_MAC = 1e-3, 0.99
 COLLINEAR = 0.9  # below it a real shape is a poor picture of the mode
 LARGE_DAMPING = 0.2  # of structures, but for dampers; 0.2 is also a usual percentage
 SIGNED = re.compile(r"(.+:)([-+])(u?[xyz]|r[xyz])")  # a DOF such as "2:-ux"
@@ -102,7 +102,7 @@ def refuse_duplicates(hertz: Floats, real: Floats) -> None:
         return
     unit = real / np.linalg.norm(real, axis=0)
     same = np.abs(hertz[:, None] - hertz) <= SAME_FREQUENCY * hertz
-    same &= (unit.T @ unit) ** 2 > SAME_SHAPE
+    same &= (unit.T @ unit) ** 2 > SAME_MAC
     for i, j in np.argwhere(np.triu(same, 1)):
         raise ValueError(
             f"frequencies: modes {i + 1} and {j + 1} are the same ({hertz[i]} and "

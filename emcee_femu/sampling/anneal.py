@@ -239,26 +239,20 @@ def anneal(
     size = checks.whole_number("size", size, fewest_members(posterior.ndim))
     seed = checks.whole_number("seed", seed)
     asked = {"moves": "anneal", "size": size, "seed": seed}
-    with open_evaluator(
-        posterior,
-        asked,
-        workers=workers,
-        pool=pool,
-        on_failure=on_failure,
-        max_failures=max_failures,
-        backend=backend,
-        resume=resume,
-        probe_tolerance=probe_tolerance,
-    ) as evaluator:
+    how = workers, pool, on_failure, max_failures, backend, resume, probe_tolerance
+    with open_evaluator(posterior, asked, *how) as evaluator:
         _, doubts = check_first_solve(evaluator)
         coordinates = Coordinates.unbounded(posterior.prior)
         rng = np.random.default_rng(seed)
         population = anneal_population(evaluator, coordinates, rng, size, thorough=True)
     population.rows[:, :2] -= coordinates.log_volume(population.theta)[:, None]
-    theta = coordinates.parameters(population.theta)
-    solves, failed = evaluator.solves, evaluator.failed
-    population = replace(population, theta=theta, solves=solves, failed_solves=failed)
-    return replace(population, doubts=doubts)
+    return replace(
+        population,
+        theta=coordinates.parameters(population.theta),
+        solves=evaluator.solves,
+        failed_solves=evaluator.failed,
+        doubts=doubts,
+    )
 
 
 def anneal_population(
@@ -433,15 +427,11 @@ def _fit(draws: Floats, others: Floats, last: IndependenceMove) -> IndependenceM
     copies of one member, which have no covariance: then the last fit serves again.
     """
     most = min(MOST_ANNEALED, len(draws) // (PER_COMPONENT * draws.shape[1]))
-    try:
-        best = IndependenceMove.fit(draws)
-        score = best.mixture.log_density(others).mean()
-    except ValueError:
-        return last
-    for components in range(2, most + 1):
+    best, score = last, -np.inf
+    for components in range(1, most + 1):
         try:
             fitted = IndependenceMove.fit(draws, components)
-            new = fitted.mixture.log_density(others).mean()
+            new = fitted.log_density(others).mean()
         except ValueError:  # a component died, or is flat
             break
         if new <= score:

@@ -96,10 +96,10 @@ class Draws:
         """The log evidence, for log_q counts the draws."""
         return float(logsumexp(self.log_weights))
 
-    def lack(self, mixture: Mixture) -> float:
-        """Return the largest ln(p / q) of draws that carry mass, p normalised."""
-        excess = self.log_p - self.log_evidence - mixture.log_density(self.x)
-        return float(excess[self.shares > CARRIES].max())
+    def lack(self, mixture: Mixture) -> Floats:
+        """Return ln(p / q) of each draw, p normalised."""
+        lack: Floats = self.log_p - self.log_evidence - mixture.log_density(self.x)
+        return lack
 
     def effective_share(self, mixture: Mixture) -> float:
         """Return what the effective share of draws of a mixture would be."""
@@ -174,7 +174,8 @@ def refine(
         spent = sum(len(past.theta) for past in rounds)
         if not len(draws.x) or spent >= most:
             break
-        if (shares[-1] > GOOD_SHARE or enough) and draws.lack(wide) < LACK:
+        good = shares[-1] > GOOD_SHARE or enough
+        if good and draws.lack(wide)[draws.shares > CARRIES].max() < LACK:
             break
         mixture = _refit(draws, mixture)
     return wide
@@ -208,7 +209,7 @@ def _carriers(draws: Draws, mixture: Mixture) -> Iterator[Component]:
     x, shares = draws.x, draws.shares
     if len(x) <= TERMS:
         return
-    lack = draws.log_p - draws.log_evidence - mixture.log_density(x)
+    lack = draws.lack(mixture)
     squares = shares[:, None] * (x - shares @ x) ** 2
     for terms in squares.T:
         held = np.partition(terms, -TERMS)[-TERMS:].sum()
@@ -232,13 +233,8 @@ def cover(mixture: Mixture) -> Mixture:
     apart = mixture.means - mean
     spread = (mixture.weights * apart.T) @ apart * (mixture.df - 2) / mixture.df
     wide = np.einsum("k,kij->ij", mixture.weights, mixture.matrices) + spread
-    weights, widths = np.array(COVERS).T
-    return Mixture(
-        weights=np.append((1 - weights.sum()) * mixture.weights, weights),
-        means=np.vstack([mixture.means, *[mean] * len(COVERS)]),
-        matrices=np.concatenate([mixture.matrices, widths[:, None, None] ** 2 * wide]),
-        df=mixture.df,
-    )
+    added = [(weight, mean, width**2 * wide) for weight, width in COVERS]
+    return add_components(mixture, added)
 
 
 def uncover(mixture: Mixture, wide: int = len(COVERS)) -> Mixture:
@@ -299,10 +295,4 @@ def _fits(
     share = 0.5 * shares[some] / shares[some].sum() + 0.5 / len(some)
     centred = x[some] - place
     matrix = (share * centred.T) @ centred + 0.01 * near
-    larger = Mixture(
-        np.append((1 - NEW_WEIGHT) * fitted.weights, NEW_WEIGHT),
-        np.vstack([fitted.means, place]),
-        np.concatenate([fitted.matrices, matrix[None]]),
-        fitted.df,
-    )
-    yield larger.improve(x, shares)
+    yield add_components(fitted, [(NEW_WEIGHT, place, matrix)]).improve(x, shares)
