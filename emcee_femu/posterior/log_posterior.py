@@ -24,10 +24,9 @@ from ..table import Parts, Report
 from .compatibility import check_names, check_parameters, check_prior
 from .derivatives import along_tangents, difference, unstack
 from .experiments import Experiment, Solved, Terms, Tests, check_joint, name_sets
-from .priors import IndependentPrior, prior_centre, tabulate_prior
+from .priors import IndependentPrior, prior_centre, prior_scale, tabulate_prior
 
 Units: TypeAlias = Mapping[str, str] | None  # by the names of parameters
-SCALE_DRAWS = 256  # of the prior, for the scales of derivatives
 TRIED_DRAWS = 256  # of the prior, of which one must be possible to know the blobs
 
 # What is evaluated at a point, side by side in one row that a pool or a file can hold:
@@ -461,9 +460,7 @@ class LogPosterior(Report):
     @cached_property
     def scale(self) -> Floats:
         """The prior scale of each parameter, computed from its quartiles, ``(d,)``."""
-        draws = self.prior.sample(np.random.default_rng(0), SCALE_DRAWS)
-        low, high = np.quantile(draws, [0.25, 0.75], axis=0)
-        return np.asarray((high - low) / 1.35)
+        return prior_scale(self.prior)
 
     @cached_property
     def initial(self) -> Floats:

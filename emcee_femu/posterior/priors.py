@@ -15,6 +15,7 @@ from ..contracts import Floats, Prior
 from ..table import Column, Parts, Report, Table, unit_column
 
 MOMENT_DRAWS = 20_000  # of a prior, for its moments
+SCALE_DRAWS = 256  # of a prior, for scales, as of derivatives
 
 
 class KnownPrior(Report):
@@ -95,7 +96,8 @@ class GaussianPrior(KnownPrior):
         self.sd = sd = np.broadcast_to(sd, (d,)).copy()
         free = np.tile([-np.inf, np.inf], (d, 1))
         self.bounds = check_bounds(free if bounds is None else bounds, self.names)
-        low, high = _standardize(self.bounds, mean, sd)
+        low, high = (self.bounds.T - mean) / sd
+        self._cut = stats.truncnorm(low, high, mean, sd)
         nearest = np.clip(0.0, low, high)  # the densest point of the cut Gaussian
         cut = stats.truncnorm.logpdf(nearest, low, high)
         log_mass = stats.norm.logpdf(nearest) - cut
@@ -112,16 +114,13 @@ class GaussianPrior(KnownPrior):
 
     def logpdfs(self, theta: Floats) -> Floats:
         """Return each parameter's log density ``(n, d)``, -inf out of bounds."""
-        low, high = _standardize(self.bounds, self.mean, self.sd)
-        return np.asarray(stats.truncnorm.logpdf(theta, low, high, self.mean, self.sd))
+        return np.asarray(self._cut.logpdf(theta))
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draw ``(n, d)`` parameter sets inside the bounds."""
-        low, high = _standardize(self.bounds, self.mean, self.sd)
-        size = (n, len(self.names))
-        standard = stats.truncnorm.rvs(low, high, size=size, random_state=rng)
-        # Rounding may put mean + sd * low an ulp beyond a bound that was hit.
-        return np.asarray(np.clip(self.mean + self.sd * standard, *self.bounds.T))
+        draws = self._cut.rvs(size=(n, len(self.names)), random_state=rng)
+        # Rounding may put one an ulp beyond a bound that was hit.
+        return np.asarray(np.clip(draws, *self.bounds.T))
 
 
 class IndependentPrior(KnownPrior):
@@ -215,11 +214,6 @@ class _Cut:
         return self.low, self.high
 
 
-def _standardize(bounds: Floats, mean: Floats, sd: Floats) -> Floats:
-    """Return bounds in standard deviations from the mean, ``(2, d)``."""
-    return np.asarray((bounds.T - mean) / sd)
-
-
 def check_bounds(bounds: ArrayLike, names: tuple[str, ...]) -> Floats:
     """Return bounds as ``(d, 2)``, refusing NaN and low >= high by name."""
     array = checks.numeric_array("bounds", bounds)
@@ -245,6 +239,16 @@ def summarize_prior(prior: Prior) -> tuple[Floats, Floats]:
     """
     sample = prior.sample(np.random.default_rng(0), MOMENT_DRAWS)
     return sample.mean(axis=0), sample.std(axis=0)
+
+
+def prior_scale(prior: Prior) -> Floats:
+    """Return the spread of each parameter under a prior, from its quartiles, ``(d,)``.
+
+    From draws of a fixed seed; a tail as that of a Cauchy law does not matter.
+    """
+    draws = prior.sample(np.random.default_rng(0), SCALE_DRAWS)
+    low, high = np.quantile(draws, [0.25, 0.75], axis=0)
+    return np.asarray((high - low) / 1.35)
 
 
 def prior_centre(prior: Prior) -> Floats:

@@ -11,9 +11,9 @@ from scipy.stats import logistic
 from ..contracts import Floats, Prior
 from ..evaluation.evaluator import Evaluation
 from ..posterior.derivatives import difference, unstack
+from ..posterior.priors import prior_scale
 
 QUANTILE_DRAWS = 20_000  # of the prior, for its quantiles
-FEW_QUANTILE_DRAWS = 256  # the same for scales, as of posteriors
 DECADES = 30.0  # ratio of the quantiles .95 and .05, from which logarithms are natural
 LARGEST_LOG = 700.0  # logarithm that is finite
 LEAST_DISTANCE = 1e-200  # least distance from a bound
@@ -80,8 +80,7 @@ class Coordinates:
     @property
     def scale(self) -> Floats:
         """Their spread under the prior, from its quartiles, ``(d,)``."""
-        draws = self.sample(np.random.default_rng(0), FEW_QUANTILE_DRAWS)
-        return np.asarray(np.ptp(np.quantile(draws, [0.25, 0.75], axis=0), 0) / 1.35)
+        return prior_scale(self)
 
     def logpdf(self, x: Floats) -> Floats:
         """Return the log-density of coordinates ``(n, d)`` under the prior."""
