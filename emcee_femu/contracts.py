@@ -163,12 +163,9 @@ def read(response: Response, name: str) -> Floats:
         )
     if (value := find(response, name)) is not None:
         return value
-    has = []
-    if isinstance(response, Mapping):
-        has = list(response)
-    else:
-        given = {k: getattr(response, k) for k in dir(response) if k[0] != "_"}
-        has = [k for k, v in given.items() if isinstance(v, np.ndarray)]
+    there = [k for k in dir(response) if k[0] != "_"]
+    has = [k for k in there if isinstance(find(response, k), np.ndarray)]
+    has = list(response) if isinstance(response, Mapping) else has
     raise TypeError(f"model: its {kind} has no {name!r}; there are {has}")
 
 

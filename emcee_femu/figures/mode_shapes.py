@@ -16,7 +16,7 @@ from ..models.geometry import Geometry
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre
 from ..results.arviz_objects import dataset, samples
-from ..results.measured import ModeShapes, PairedShapes, choose_experiment, solve_shapes
+from ..results.measured import ModeShapes, Pairing, choose_experiment, solve_shapes
 from ..results.tables import summarize
 from ..results.to_arviz import read_samples
 from .style import BELOW, BLUE, GREY, RED, Style, finish, subplots
@@ -104,8 +104,8 @@ def plot_shapes(
         )
     checks.instance("geometry", geometry, Geometry)
     solved = solve_shapes(posterior, test, samples(idata)[1].mean(axis=(0, 1)))
-    hertz = solved.hertz if isinstance(solved, PairedShapes) else solved.frequencies
-    numbers = checks.chosen_numbers("modes", modes, len(hertz))
+    named = solved.pairing.hertz if solved.pairing else solved.frequencies
+    numbers = checks.chosen_numbers("modes", modes, len(named))
     drawn = [_displace(solved, geometry, number - 1) for number in numbers]
     nodes = np.array([*geometry.nodes.values()])
     view = _choose_view(nodes, [x for m in drawn for part in m for x in part.values()])
@@ -138,16 +138,16 @@ def _displace(modes: ModeShapes, geometry: Geometry, i: int) -> list[Moves]:
         ValueError: If the geometry does not know a sensor, or no DOF at all.
     """
     sensors: Sequence[Hashable] = ()
-    if not isinstance(modes, PairedShapes):
+    if (pairing := modes.pairing) is None:
         values = dict(zip(modes.dofs, modes.shapes[:, i], strict=True))
         paired = measured = np.empty(0)
     else:
-        sensors, paired = modes.sensors, modes.paired[:, i]
-        measured = modes.measured[:, i]
+        sensors, paired = pairing.sensors, pairing.paired[:, i]
+        measured = pairing.measured[:, i]
         measured = measured * np.nansum(measured * paired) / np.nansum(measured**2)
-        column = modes.shapes[:, modes.chosen[i]]
+        column = modes.shapes[:, pairing.chosen[i]]
         # What close modes span is known at the sensors only.
-        values = {} if modes.shared[i] else dict(zip(modes.dofs, column, strict=True))
+        values = {} if pairing.shared[i] else dict(zip(modes.dofs, column, strict=True))
         values |= dict(zip(sensors, paired, strict=True))
     unknown = [
         dof
@@ -235,12 +235,12 @@ def _draw_mode(
 
 def _title(modes: ModeShapes, i: int) -> str:
     """Return what stands above mode i."""
-    if not isinstance(modes, PairedShapes):
+    if (pairing := modes.pairing) is None:
         return f"mode {i + 1}: {modes.frequencies[i]:.4g} Hz updated"
-    k = modes.chosen[i]
+    k = pairing.chosen[i]
     return (
-        f"mode {i + 1}: {modes.hertz[i]:.4g} Hz measured,\n"
-        f"{modes.frequencies[k]:.4g} Hz updated, MAC {_short(modes.mac[i, k], 3)}"
+        f"mode {i + 1}: {pairing.hertz[i]:.4g} Hz measured,\n"
+        f"{modes.frequencies[k]:.4g} Hz updated, MAC {_short(pairing.mac[i, k], 3)}"
     )
 
 
@@ -299,14 +299,15 @@ def plot_mac(
     means = {"after: at the posterior mean": samples(idata)[1].mean(axis=(0, 1))}
     if np.isfinite(posterior.initial).all():
         means = {"before: at the prior mean": prior_centre(posterior.prior)} | means
-    solved: dict[str, PairedShapes] = {}
+    solved: dict[str, tuple[Floats, Pairing]] = {}
     for title, theta in means.items():
         modes = solve_shapes(posterior, test, theta)
-        if not isinstance(modes, PairedShapes):
+        if modes.pairing is None:
             raise ValueError(
                 "posterior: its model pairs no modes; wrap the model in a PairedModel"
             )
-        solved[title] = after = modes
+        solved[title] = modes.frequencies, modes.pairing
+    *_, (_, after) = solved.values()
     mac = dataset(idata, "response")[test.full_name("mac")].values
     ends = summarize(mac.reshape(-1, mac.shape[-1]))[1:]
     m, q = after.mac.shape
@@ -314,20 +315,22 @@ def plot_mac(
     down = len(solved) // across
     size = max(7.0, 1.8 + COLUMN * q), 0.3 + down * (1.1 + ROW * m)
     figure, panels = subplots(len(solved), across, size)
-    for axes, (title, modes) in zip(panels, solved.items(), strict=True):
-        _draw_matrix(axes, modes, ends if modes is after else None)
+    for axes, (title, drawn) in zip(panels, solved.items(), strict=True):
+        _draw_matrix(axes, *drawn, ends if drawn[1] is after else None)
         axes.set_title(title, fontsize=10)
     figure.colorbar(axes.images[0], ax=panels, label="MAC (1: same shape)")
     return finish(figure, idata, test.name)
 
 
-def _draw_matrix(axes: Axes, modes: PairedShapes, ends: Floats | None) -> None:
+def _draw_matrix(
+    axes: Axes, frequencies: Floats, pairing: Pairing, ends: Floats | None
+) -> None:
     """Draw a matrix with its numbers, and the intervals of pairs if there are some."""
-    m, q = modes.mac.shape
-    axes.imshow(modes.mac, cmap="Blues", vmin=0, vmax=1, aspect="auto")
-    for (i, j), value in np.ndenumerate(modes.mac):
+    m, q = pairing.mac.shape
+    axes.imshow(pairing.mac, cmap="Blues", vmin=0, vmax=1, aspect="auto")
+    for (i, j), value in np.ndenumerate(pairing.mac):
         text, size = _short(value), 7.0
-        if modes.chosen[i] == j:
+        if pairing.chosen[i] == j:
             style: Style = {"fill": False, "ec": RED, "lw": 1.6}
             axes.add_patch(Rectangle((j - 0.47, i - 0.45), 0.94, 0.9, **style))
             if ends is not None:
@@ -335,8 +338,8 @@ def _draw_matrix(axes: Axes, modes: PairedShapes, ends: Floats | None) -> None:
                 text += "\n" + "–".join(_short(end, 3) for end in ends[:, i])
         color = "white" if value > 0.6 else "black"
         axes.text(j, i, text, ha="center", va="center", color=color, fontsize=size)
-    by_model = [f"{k}\n{f:.4g} Hz" for k, f in enumerate(modes.frequencies[:q], 1)]
-    by_test = [f"{k}: {f:.4g} Hz" for k, f in enumerate(modes.hertz, 1)]
+    by_model = [f"{k}\n{f:.4g} Hz" for k, f in enumerate(frequencies[:q], 1)]
+    by_test = [f"{k}: {f:.4g} Hz" for k, f in enumerate(pairing.hertz, 1)]
     axes.set_xticks(range(q), by_model)
     axes.set_yticks(range(m), by_test)
     axes.set(xlabel="the model's modes", ylabel="measured modes")

@@ -36,22 +36,20 @@ def frequencies(value: ArrayLike) -> Floats:
     return hertz
 
 
-def shapes(
-    value: ArrayLike, n_modes: int, argument: str = "shapes", missing: bool = False
-) -> Shapes:
+def shapes(value: ArrayLike, n_modes: int, missing: bool = False) -> Shapes:
     """Return real or complex shapes ``(..., n_sensors, n_modes)``, none zero.
 
     With ``missing`` some may be NaN.
     """
-    raw = checks.complex_array(argument, value)
+    raw = checks.complex_array("shapes", value)
     if raw.ndim < 2 or raw.shape[-1] != n_modes or not raw.size:
         turned = "; transpose them" if raw.shape[:1] == (n_modes,) else ""
         expected = f"(n_sensors, {n_modes}), one column per frequency"
-        raise ValueError(f"{argument}: expected {expected}, got {raw.shape}{turned}")
+        raise ValueError(f"shapes: expected {expected}, got {raw.shape}{turned}")
     wrong = np.isinf(raw) if missing else ~np.isfinite(raw)
-    _refuse(argument, raw, "finite numbers", wrong)
+    _refuse("shapes", raw, "finite numbers", wrong)
     for index in np.argwhere(~np.nan_to_num(raw).any(axis=-2)):
-        raise ValueError(f"{argument}: mode {index[-1] + 1} is zero at all sensors")
+        raise ValueError(f"shapes: mode {index[-1] + 1} is zero at all sensors")
     return raw
 
 

@@ -60,12 +60,6 @@ def read_inside(
     return values, n
 
 
-def columns(values: Parameters, names: Iterable[str], n: int) -> Floats:
-    """Return the values of ``names`` side by side, ``(n, n_names)``."""
-    rows = [values[name] for name in names]
-    return np.array(rows).reshape(len(rows), n).T
-
-
 def describe(values: Parameters, names: Iterable[str], row: int) -> str:
     """Return one parameter set by name, for a message."""
     return str({name: float(values[name][row]) for name in names})

@@ -39,8 +39,7 @@ def check_terms(model: object, terms: Sequence[object]) -> None:
     if not terms:
         raise ValueError("terms: expected at least one likelihood term, got none")
     for argument, part in (("model", model), *(("terms", term) for term in terms)):
-        if not callable(part):
-            raise TypeError(f"{argument}: expected a callable, got {part!r}")
+        checks.function(argument, part)
 
 
 def check_parameters(

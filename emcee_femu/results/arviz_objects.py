@@ -24,7 +24,7 @@ FEWEST_RESAMPLED, COPIES = 4_000, 40
 
 def is_arviz(source: object) -> bool:
     """Return whether an object is one of ArviZ."""
-    return hasattr(source, "children") or hasattr(source, "groups")
+    return hasattr(source, "groups")
 
 
 def wrap(datasets: Mapping[str, Dataset]) -> InferenceData:
@@ -90,9 +90,7 @@ def prior_draws(idata: InferenceData, names: Sequence[str]) -> Floats:
 
 def groups(idata: InferenceData) -> dict[str, Dataset]:
     """Return all groups as xarray Datasets."""
-    tree = hasattr(idata, "children")
-    names = list(idata.children) if tree else [*idata.groups()]
-    return {name: _group(idata, name) for name in names}
+    return {name: _group(idata, name) for name in idata}
 
 
 def describe_certificate(idata: InferenceData) -> str:

@@ -342,25 +342,8 @@ def _fit_quadratic(draws: Floats, values: Floats) -> tuple[Floats, Floats, Float
 
 
 @dataclass(frozen=True, eq=False)
-class ModeShapes:
-    """The modes of a model at one parameter set.
-
-    Attributes:
-        frequencies: In Hz, ``(q,)``.
-        shapes: At all DOFs that the model returns, ``(n_dof, q)``.
-        dofs: The labels of these DOFs; their numbers if the model has no labels.
-        complete: Whether these are all the DOFs that the model has.
-    """
-
-    frequencies: Floats
-    shapes: Floats
-    dofs: Sequence[Hashable]
-    complete: bool
-
-
-@dataclass(frozen=True, eq=False)
-class PairedShapes(ModeShapes):
-    """The modes of a model beside the m measured ones that they are paired with.
+class Pairing:
+    """The m measured modes, and the model's that they are paired with.
 
     Attributes:
         measured: Measured shapes ``(n_sensors, m)``.
@@ -380,6 +363,25 @@ class PairedShapes(ModeShapes):
     paired: Floats
     shared: NDArray[np.bool_]
     mac: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class ModeShapes:
+    """The modes of a model at one parameter set.
+
+    Attributes:
+        frequencies: In Hz, ``(q,)``.
+        shapes: At all DOFs that the model returns, ``(n_dof, q)``.
+        dofs: The labels of these DOFs; their numbers if the model has no labels.
+        complete: Whether these are all the DOFs that the model has.
+        pairing: With measured modes, if the model pairs them.
+    """
+
+    frequencies: Floats
+    shapes: Floats
+    dofs: Sequence[Hashable]
+    complete: bool
+    pairing: Pairing | None = None
 
 
 def choose_experiment(posterior: LogPosterior, name: str | None) -> Experiment:
@@ -425,11 +427,7 @@ def solve_shapes(
         sensors = measured.dofs.tolist()
     if not declared and len(sensors) == len(shapes):  # its rows are the sensors
         dofs = sensors
-    return PairedShapes(
-        hertz,
-        shapes,
-        dofs,
-        complete,
+    pairing = Pairing(
         measured.shapes,
         measured.frequencies,
         sensors,
@@ -438,6 +436,7 @@ def solve_shapes(
         itself < 1 - ROUNDING,
         mac,
     )
+    return ModeShapes(hertz, shapes, dofs, complete, pairing)
 
 
 def modal_assurance(measured: Floats, shapes: Floats) -> Floats:

@@ -205,5 +205,4 @@ def _bend(before: Local, here: Local) -> Floats:
     product = rest @ step
     if abs(product) <= 1e-8 * np.linalg.norm(rest) * np.linalg.norm(step):
         return before.curvature
-    bent: Floats = before.curvature + np.outer(rest, rest) / product
-    return bent
+    return np.asarray(before.curvature + np.outer(rest, rest) / product)

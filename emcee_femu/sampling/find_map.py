@@ -289,7 +289,7 @@ def _choose_starts(
     posterior: LogPosterior, starts: int | ArrayLike, seed: np.random.SeedSequence
 ) -> Floats:
     """Return starts ``(n, d)``, drawn from the prior or given."""
-    if isinstance(starts, int | np.integer):
+    if not np.iterable(starts):
         return posterior.start(checks.whole_number("starts", starts, 1), seed)
     points = np.atleast_2d(checks.real_array("starts", starts))
     if not points.size:

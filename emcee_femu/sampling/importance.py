@@ -116,8 +116,7 @@ def find_acceptance(log_p: Floats, log_c: Floats, log_q: Floats) -> float:
 def normalise(log_weights: Floats) -> Floats:
     """Return weights that add up to one, from their logarithms."""
     weights = np.exp(log_weights - log_weights.max())
-    normalised: Floats = weights / weights.sum()
-    return normalised
+    return np.asarray(weights / weights.sum())
 
 
 def resample(weights: Floats, size: int, offset: float | Floats) -> NDArray[np.intp]:

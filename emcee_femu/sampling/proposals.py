@@ -83,8 +83,7 @@ class Draws:
     @property
     def log_weights(self) -> Floats:
         """The logarithms of w, up to a constant."""
-        log_weights: Floats = self.log_p - self.log_q
-        return log_weights
+        return np.asarray(self.log_p - self.log_q)
 
     @property
     def shares(self) -> Floats:
@@ -98,8 +97,8 @@ class Draws:
 
     def lack(self, mixture: Mixture) -> Floats:
         """Return ln(p / q) of each draw, p normalised."""
-        lack: Floats = self.log_p - self.log_evidence - mixture.log_density(self.x)
-        return lack
+        log_q = mixture.log_density(self.x)
+        return np.asarray(self.log_p - self.log_evidence - log_q)
 
     def effective_share(self, mixture: Mixture) -> float:
         """Return what the effective share of draws of a mixture would be."""

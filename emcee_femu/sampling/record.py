@@ -338,16 +338,14 @@ def separate(mixture: Mixture) -> Labels:
     solved = np.linalg.solve(sums, apart[..., None])[..., 0]
     distances = np.einsum("ijd,ijd->ij", apart, solved)
     modes = connected_components(distances < MODES_APART, directed=False)[1]
-    result: Labels = np.append(modes, [NO_MODE] * len(COVERS)).astype(np.intp)
-    return result
+    return np.append(modes, [NO_MODE] * len(COVERS)).astype(np.intp)
 
 
 def label(theta: Floats, mixture: Mixture, mode_of: Labels) -> Labels:
     """Return the mode of each point ``(n,)``: that of its likeliest component."""
     owners = np.flatnonzero(mode_of != NO_MODE)
     likeliest = np.argmax(mixture.log_parts(theta)[:, owners], axis=1)
-    labels: Labels = mode_of[owners][likeliest]
-    return labels
+    return np.asarray(mode_of[owners][likeliest])
 
 
 def weigh(labels: Labels, log_weights: Floats, count: int) -> tuple[Floats, Floats]:

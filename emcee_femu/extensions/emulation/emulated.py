@@ -25,7 +25,7 @@ from ...contracts import (
 )
 from ...evaluation.resume import check_path
 from ...likelihoods.term import Term
-from ...models.inputs import columns, read_inside
+from ...models.inputs import read_inside
 from ...posterior.experiments import Experiment
 from ...posterior.log_posterior import LogPosterior
 from ...table import Parts, Report, Table
@@ -167,8 +167,8 @@ class EmulatedModel(Report):
         return np.asarray(directions)[:, ::-1], owners[kept][::-1]
 
     def _theta(self, parameters: Parameters) -> Floats:
-        values, n = read_inside(parameters, self.bounds, "emulate")
-        return columns(values, self.names, n)
+        values, _ = read_inside(parameters, self.bounds, "emulate")
+        return np.array([values[name] for name in self.names]).T
 
     def _decode(
         self,

@@ -72,7 +72,8 @@ class Processes:
     rough: bool
     covariance: Floats
     _whitener: Floats = field(repr=False)  # inverse of the kernel's Cholesky factor
-    _trend: Floats = field(repr=False)  # the same of the trend's information
+    _white_trend: Floats = field(repr=False)  # the whitener times the trend, (M, p)
+    _trend: Floats = field(repr=False)  # inverse of the factor of its information
     _weights: Floats = field(repr=False)  # of kernel and trend, (M + p, q)
 
     @classmethod
@@ -99,9 +100,8 @@ class Processes:
         # The variance of Student's t, which values of unknown amplitude have.
         free = max(int(known.sum()) - trend.shape[1] - 2, 1)
         covariance = residual.T @ residual / free
-        expected = cls(
-            points, values, lengths, rough, covariance, whitener, unknown, weights
-        )
+        parts = whitener, white_trend, unknown, weights
+        expected = cls(points, values, lengths, rough, covariance, *parts)
         sd = expected.amplitudes * expected.left_out_sd[:, None]
         ratios = expected.leave_out(values) / np.maximum(sd, np.sqrt(LEAST_OF_OUTPUT))
         wider = np.sqrt(np.maximum((ratios**2).mean(axis=0), 1.0))
@@ -191,8 +191,7 @@ class Processes:
     @cached_property
     def _projector(self) -> Floats:
         """The precision of values and slopes, free of the trend, ``(M, M)``."""
-        trend = _scale(self.points, self.values, self.lengths)[2]
-        part = self._trend @ (self._whitener @ trend).T @ self._whitener
+        part = self._trend @ self._white_trend.T @ self._whitener
         return np.asarray(self._whitener.T @ self._whitener - part.T @ part)
 
     def _correlate(self, a: Floats, b: Floats, rows: int, columns: int) -> Floats:
@@ -210,8 +209,7 @@ class Processes:
         kernel, trend = self._basis(points, width)
         # The whitener is a triangle, of which this takes half the time.
         explained = dtrmm(1.0, self._whitener, kernel.T, lower=True).T
-        known_trend = _scale(self.points, self.values, self.lengths)[2]
-        hidden = trend - explained @ (self._whitener @ known_trend)
+        hidden = trend - explained @ self._white_trend
         return explained, hidden @ self._trend.T
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from copy import copy
 from functools import partial
 from os import PathLike
@@ -50,7 +50,7 @@ def frf_variable(
     channels: Sequence[Channel],
     lines: Floats,
     kind: str,
-    unit: str | None = None,
+    unit: str | None,
     stored: bool = False,
 ) -> Variable:
     """Return dimensions and unit of an FRF."""
@@ -62,10 +62,10 @@ def frf_variable(
     return Variable(coords, FRF_KINDS[kind][1] if unit is None else unit, stored)
 
 
-def read_kind(kind: object, kinds: Collection[str] = FRF_KINDS) -> str:
-    """Return what was measured, one of some kinds."""
-    if not isinstance(kind, str) or kind not in kinds:
-        raise ValueError(f"kind: expected one of {list(kinds)}, got {kind!r}")
+def read_kind(kind: object) -> str:
+    """Return what was measured."""
+    if not isinstance(kind, str) or kind not in FRF_KINDS:
+        raise ValueError(f"kind: expected one of {list(FRF_KINDS)}, got {kind!r}")
     return kind
 
 

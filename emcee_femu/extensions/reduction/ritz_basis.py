@@ -163,8 +163,7 @@ class RitzBasis:
             middle = (low + high) // 2
             good = (solve(middle) / whole - 1).max() <= target
             low, high = (low, middle) if good else (middle, high)
-        kept: Floats = directions[:, :high]
-        return kept
+        return np.asarray(directions[:, :high])
 
     def compare(
         self, V: Floats, small: Model, point: Floats
