@@ -6,10 +6,9 @@ import numpy as np
 from scipy import stats
 
 from ..contracts import Floats
-from ..sampling.anneal import Annealed, about_box
 from ..sampling.importance import bridge
 from ..sampling.judge import check_length, tau_by_ensemble
-from ..sampling.record import Chains
+from ..sampling.record import Annealed, Chains, about_box
 from ..sampling.verdict import NOT_CONVERGED, judge_chains, measure
 from ..table import Parts, Report
 from .chains import read_chains

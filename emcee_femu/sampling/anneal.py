@@ -6,8 +6,8 @@ accidents, which made the evidence 1.3 too large in ten dimensions.
 """
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from os import PathLike
 from typing import TypeAlias
@@ -24,7 +24,6 @@ from ..evaluation.resume import open_evaluator
 from ..moves.independence import ComponentWalk, IndependenceMove
 from ..moves.proposing import temper
 from ..posterior.log_posterior import LogPosterior
-from ..table import Column, Parts, Report, Table, unit_column
 from .coordinates import Coordinates
 from .first_solve import check_first_solve, doubt_reach
 from .importance import (
@@ -36,7 +35,7 @@ from .importance import (
     pareto_k,
     resample,
 )
-from .record import Chains
+from .record import Annealed
 
 MOST_FINITE_DRAWS = 20  # times the size, for a population of finite likelihood
 # Powers whose proposals tell of what is missing; early ones may fit badly.
@@ -49,105 +48,6 @@ MOST_ANNEALED = 6
 PER_COMPONENT = 10  # members of a half for each parameter and component
 
 Evaluate: TypeAlias = Callable[[Floats], Floats]  # coordinates to rows
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Annealed(Report):
-    """A population of the posterior and its history; ``print`` it.
-
-    Attributes:
-        names: Parameter names.
-        theta: The members, ``(size, d)``, with equal weights.
-        rows: Their rows as a LogPosterior returns them, ``(size, columns)``.
-        powers: Powers of the likelihood from 0 to 1, ``(stages + 1,)``.
-        acceptance: Share of accepted proposals at each power, ``(stages,)``.
-        sweeps: Number of times all members were moved, ``(stages,)``.
-        log_evidence: Natural logarithm of the evidence.
-        log_evidence_error: Its Monte Carlo standard error; infinite where none can be
-            claimed.
-        effective_size: As many independent draws would know the mean as well, ``(d,)``.
-        solves: Model solves spent.
-        failed_solves: Of these, how many failed and were taken for impossible.
-        problems: Why no standard error can be claimed; usually none.
-        units: Of the parameters that have one, by name.
-        doubts: What was warned of before.
-        log_box: Of the box that is the prior of a bare log-likelihood; else NaN.
-    """
-
-    names: tuple[str, ...]
-    theta: Floats
-    rows: Floats
-    powers: Floats
-    acceptance: Floats
-    sweeps: NDArray[np.intp]
-    log_evidence: float
-    log_evidence_error: float
-    effective_size: Floats
-    solves: int
-    failed_solves: int = 0
-    problems: tuple[str, ...] = ()
-    units: Mapping[str, str] = field(default_factory=dict)
-    doubts: Sequence[str] = ()
-    log_box: float = np.nan
-
-    def as_chains(self) -> Chains:
-        """Return the members as one walker, in the order of their lineages."""
-        return Chains(
-            self.names,
-            self.theta[:, None, None],
-            self.rows[:, None, None, 0],
-            self.acceptance[-1:, None],
-            self.rows[:, None, None, 1:],
-            kind="population",
-            moves="annealed",
-            seed="unknown (annealed)",
-            origin=(
-                f"annealed through {len(self.sweeps)} powers of the likelihood, "
-                f"{self.solves} solves"
-            ),
-            solves=self.solves,
-            doubts=self.doubts,
-        )
-
-    @property
-    def table(self) -> Table:
-        """Mean, standard deviation and effective size, one row per parameter."""
-        columns: list[Column] = [
-            ("parameter", "", list(self.names)),
-            *unit_column(self.units.get(name, "") for name in self.names),
-            ("mean", ".5g", self.theta.mean(axis=0)),
-            ("sd", ".4g", self.theta.std(axis=0, ddof=1)),
-            ("effective size", ".0f", self.effective_size),
-        ]
-        return Table.from_columns(f"Population of {len(self.theta)}", columns)
-
-    def _parts(self) -> Parts:
-        error = f"+- {self.log_evidence_error:.3f}"
-        if self.problems:
-            error = "(no standard error can be given)"
-        yield self.table
-        yield f"log evidence (natural) {self.log_evidence:.3f} {error}"
-        yield from (f"{text[:1].upper()}{text[1:]}." for text in self.problems)
-        yield from about_box(self.log_box)
-        yield (
-            f"{len(self.sweeps)} powers of the likelihood, {self.solves} solves, "
-            f"{100 * self.acceptance.min():.0f} to {100 * self.acceptance.max():.0f} % "
-            "of the proposals accepted"
-        )
-        if self.failed_solves:
-            yield (
-                f"{self.failed_solves} solves failed: the evidence takes the "
-                "likelihood for zero there"
-            )
-
-
-def about_box(log_box: float) -> Iterator[str]:
-    """Say of what a bare log-probability's evidence is, if there is a box."""
-    if np.isfinite(log_box):
-        yield (
-            "The prior is uniform in the box. For the integral of a function that "
-            f"holds its prior already add {log_box:.4f}, ln of its volume."
-        )
 
 
 def anneal(
