@@ -1,5 +1,6 @@
 """Evaluate a posterior, here or on workers: solves are counted, failures rejected."""
 
+import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
@@ -12,6 +13,8 @@ from ..posterior.derivatives import difference, unstack
 from ..posterior.log_posterior import Kind, LogPosterior
 from .failures import Failure, FailureLog, describe_failure
 from .pools import EvaluationPool
+
+logger = logging.getLogger("emcee_femu")
 
 Request: TypeAlias = tuple[Kind, Floats]  # what is asked for, and a point (d,)
 Result: TypeAlias = Floats | Failure
@@ -65,7 +68,7 @@ class Evaluation:
 
     def part(self) -> "Evaluation":
         """Return an evaluation with its own counts; all is counted here too."""
-        log = None if self.failures is None else FailureLog(1.0, self.failures)
+        log = None if self.failures is None else FailureLog(1.0)
         return Evaluation(self.solver, self.pool, log, self)
 
     @property
@@ -174,11 +177,13 @@ class Evaluation:
         """Count solves and failures, and return the results."""
         # Outside the prior's support nothing is solved, and the log-prior is -inf.
         solves = len(failures) + int(np.count_nonzero(stacked[:, 1] > -np.inf))
+        self.bar.update(solves)
+        for each in failures.values():
+            logger.warning("rejected: %s at %s", each.message, dict(each.parameters))
         for evaluation in filter(None, (self, self.whole)):
             evaluation.solves += solves
-        self.bar.update(solves)
-        if self.failures is not None:
-            self.failures.count(len(stacked), [*failures.values()])
+            if evaluation.failures is not None:
+                evaluation.failures.count(len(stacked), [*failures.values()])
         return stacked
 
     def _linearize(self, theta: Floats, kind: Kind) -> Floats:

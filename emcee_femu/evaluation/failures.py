@@ -1,14 +1,11 @@
 """Solves that fail: why, where, and how many."""
 
-import logging
 import subprocess
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from ..contracts import SolveError
-
-logger = logging.getLogger("emcee_femu")
 
 FEWEST_COUNTED = 100  # evaluations before a fraction of failures is judged
 CAUSES = ("not finite", "wrong shape", "time-out", "exception")
@@ -41,11 +38,10 @@ def describe_failure(error: Exception, parameters: Mapping[str, float]) -> Failu
 
 
 class FailureLog:
-    """Count failures by cause, log each with its parameters, stop when too many.
+    """Count failures by cause, keep them with their parameters, stop when too many.
 
     Args:
         max_failures: Fraction of the evaluations, of at least 100.
-        whole: The log of which this is a part: it counts, logs and stops.
 
     Attributes:
         evaluations: Points evaluated so far, those that failed among them.
@@ -53,9 +49,8 @@ class FailureLog:
         kept: The first 1,000 failures.
     """
 
-    def __init__(self, max_failures: float, whole: "FailureLog | None" = None) -> None:
-        self.max_failures, self.whole = max_failures, whole
-        self.evaluations = 0
+    def __init__(self, max_failures: float) -> None:
+        self.max_failures, self.evaluations = max_failures, 0
         self.causes: Counter[str] = Counter()
         self.kept: list[Failure] = []
 
@@ -67,11 +62,6 @@ class FailureLog:
         """
         self.evaluations += evaluations
         self.causes.update(failed.cause for failed in failures)
-        if self.whole is not None:
-            self.whole.count(evaluations, failures)
-            return
-        for each in failures:
-            logger.warning("rejected: %s at %s", each.message, dict(each.parameters))
         self.kept += failures[: max(0, KEPT_FAILURES - len(self.kept))]
         self.check(FEWEST_COUNTED)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from os import PathLike
 
 import numpy as np
@@ -190,35 +190,35 @@ def emulate(
         return emulation.run(solves, max(batch, width), seed, tolerance)
 
 
-@dataclass(eq=False)
 class _Emulation:
     """The full solves so far, and the fit to them.
 
-    Attributes:
+    Args:
         problem: What is emulated.
         evaluator: Runs the full solves.
-        coordinates: The coordinates in which the last fit sees the parameters.
+        first: The coordinates in which the first fit sees the parameters.
         few: A batch has one point per ``few`` that explores beyond the posterior.
+
+    Attributes:
+        coordinates: Those in which the last fit sees the parameters.
         theta: The solved points, ``(N, d)``.
         rows: Their rows ``(N, columns)``; -inf and NaN if a solve failed.
     """
 
-    problem: EmulationProblem
-    evaluator: Evaluation
-    coordinates: Coordinates
-    few: int
-    theta: Floats = field(init=False)
-    rows: Floats = field(init=False)
-    _maps: list[Coordinates] = field(init=False)  # in which it may be smoothest
-    _compared: int = field(default=0, init=False)
-
-    def __post_init__(self) -> None:
-        inputs = self.problem.inputs
-        positive = Coordinates.positive(self.coordinates.prior)
-        same = (positive.logs == self.coordinates.logs)[inputs].all()
-        self._maps = [self.coordinates] if same else [self.coordinates, positive]
-        self.theta = np.empty((0, self.problem.posterior.ndim))
-        self.rows = np.empty((0, self.evaluator.posterior.row_size))
+    def __init__(
+        self,
+        problem: EmulationProblem,
+        evaluator: Evaluation,
+        first: Coordinates,
+        few: int,
+    ) -> None:
+        self.problem, self.evaluator, self.few = problem, evaluator, few
+        self.coordinates, self._compared = first, 0
+        positive = Coordinates.positive(first.prior)
+        same = (positive.logs == first.logs)[problem.inputs].all()
+        self._maps = [first] if same else [first, positive]  # it may be smoothest in
+        self.theta = np.empty((0, problem.posterior.ndim))
+        self.rows = np.empty((0, evaluator.posterior.row_size))
 
     def run(
         self, solves: int, batch: int, seed: int, tolerance: float
