@@ -2,7 +2,7 @@
 
 The targets are those of ``hard_posteriors.py``; up to a million exact draws of each
 give its means, standard deviations and the weights of its modes. Each run of "auto"
-ends by its own verdict, or after --steps.
+ends by its own verdict.
 
 A run is wrong if a mean is off by more than 0.15 sd and three of its standard errors, a
 standard deviation by more than 12 % and two of its claimed errors, or the weight of a
@@ -19,15 +19,15 @@ from typing import NamedTuple
 
 import numpy as np
 from commands import command, mapping, tabulate
-from hard_posteriors import BELIEVED, FRESH, TARGETS, Target, inside, posterior_of
+from hard_posteriors import BELIEVED, TARGETS, Target, inside, posterior_of
 
 import emcee_femu as ef
 
 Floats = np.ndarray
 MOST_DRAWS, MOST_NUMBERS = 1_000_000, 10_000_000  # of a target, exact
 FAR_MEAN, FAR_SD, FAR_WEIGHT = 0.15, 0.12, 0.05
-SETS = {"eighteen": TARGETS, "twelve": FRESH, "fourteen": BELIEVED}
-ALL = TARGETS | FRESH | BELIEVED
+SETS = {"twelve": TARGETS, "fourteen": BELIEVED}
+ALL = TARGETS | BELIEVED
 COLUMNS = {
     "target": "", "runs": "", "converged": "", "wrong": "", "right": "",
     "converged ": "", "worst sd %": ".0f", "rms z": ".2f",
@@ -64,13 +64,12 @@ def truth_of(name: str) -> tuple[Target, Truth]:
     return target, Truth(x.mean(axis=0), x.std(axis=0), weights, len(x))
 
 
-def judge(name: str, steps: int | None, seed: int) -> Run:
+def judge(name: str, seed: int) -> Run:
     """Run "auto" on a target, and compare."""
     target, truth = truth_of(name)
-    steps = steps and max(8, round(target.steps * steps))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the verdict is what counts
-        run = ef.run(posterior_of(target), steps=steps, seed=seed)
+        run = ef.run(posterior_of(target), seed=seed)
         found = ef.diagnose(run)
     x = np.concatenate([sampler.get_chain(flat=True) for sampler in run])
     error = truth.sd * np.sqrt(1 / found.ess_bulk + 1 / truth.draws)
@@ -108,13 +107,12 @@ def summarize(name: str, runs: list[Run]) -> tuple[object, ...]:
 def main(
     seeds: int = 3,
     targets: str = "fourteen",
-    steps: int | None = None,
     processes: int = 1,
     first: int = 0,
 ) -> dict[str, list[Run]]:
     """Run, print the table and the totals, and return all runs by target.
 
-    Targets are "fourteen", "twelve", "eighteen", a name or a part of names.
+    Targets are "fourteen", "twelve", a name or a part of names.
     """
     named = [targets] if targets in ALL else [name for name in ALL if targets in name]
     names = [*SETS.get(targets, named)]
@@ -124,7 +122,7 @@ def main(
     with mapping(processes) as many:
 
         def row(name: str) -> tuple[object, ...]:
-            judged = many(functools.partial(judge, name, steps), numbers)
+            judged = many(functools.partial(judge, name), numbers)
             results[name] = [*judged]
             return summarize(name, results[name])
 
