@@ -82,11 +82,11 @@ both = maxima[[0, 1] * 4] + ball  # of the walkers of each ensemble
 settings = {
     "60 steps": dict(steps=60, starts=same),
     "walkers in both modes": dict(
-        moves=ef.MetropolisMove(sd=0.02), steps=2_500, starts=both
+        moves=ef.MetropolisMove(sd=0.04), steps=1_200, starts=both
     ),
-    "each in its own mode": dict(steps=800, starts=own),
-    "all in one mode": dict(steps=800, starts=same),
-    "one ensemble in one mode": dict(steps=800, starts=same[0], ensembles=1),
+    "each in its own mode": dict(steps=500, starts=own),
+    "all in one mode": dict(steps=500, starts=same),
+    "one ensemble in one mode": dict(steps=500, starts=same[0], ensembles=1),
 }
 runs, shorts = {}, {}
 for title, setting in settings.items():

@@ -52,7 +52,7 @@ except ArithmeticError as error:
 # %%
 logging.getLogger("emcee_femu").setLevel(logging.ERROR)
 run = ef.run(
-    posterior, ef.DEMCMove(), steps=500, ensembles=2, seed=1,
+    posterior, ef.DEMCMove(), steps=200, ensembles=2, seed=1,
     on_failure="reject", max_failures=0.2,
 )  # fmt: skip
 log = run.failures

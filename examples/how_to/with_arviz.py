@@ -22,12 +22,12 @@ terms += [ef.ShapeTerm([[0.15, 1.0], [1.0, -0.15]], delta=0.02)]
 bounds = [(2e4, 9e4), (1e3, 2e4)]
 prior = ef.GaussianPrior(["k1", "k2"], [50e3, 10e3], [9e3, 3e3], bounds)
 posterior = ef.LogPosterior(model, terms, prior, {"k1": "kN/m", "k2": "kN/m"})
-run = ef.run(posterior, steps=400, seed=1)
+run = ef.run(posterior, seed=1)
 idata = ef.to_inference_data(run)
 
 drawn = ef.GaussianPrior(["k1"], [50e3], [9e3], [(2e4, 9e4)])
 smaller = ef.LogPosterior(model, terms, drawn)
-others = ef.to_inference_data(ef.run(smaller, steps=400, seed=1))
+others = ef.to_inference_data(ef.run(smaller, seed=1))
 
 # %% [markdown]
 # ## What works

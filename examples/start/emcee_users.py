@@ -83,7 +83,7 @@ moves = {
     "DE-MC": ef.DEMCMove(),
     "auto": "auto",
 }
-comparison = ef.compare_moves(posterior, moves, 12, 500, discard=100, seed=1)
+comparison = ef.compare_moves(posterior, moves, 12, 250, discard=50, seed=1)
 comparison
 
 # %% [markdown]

@@ -131,9 +131,9 @@ def interval(posterior, seed):
     top = ef.find_map(posterior, starts=2, seed=seed).maxima[0]
     rng = np.random.default_rng(seed)
     start = np.abs(rng.multivariate_normal(top.theta, top.covariance, 40))
-    settings = {"nwalkers": 40, "steps": 60, "ensembles": 1, "starts": start}
+    settings = {"nwalkers": 40, "steps": 40, "ensembles": 1, "starts": start}
     (chain,) = ef.run(posterior, ef.DEMCMove(), seed=seed, **settings)
-    draws = chain.get_chain(discard=20, flat=True)
+    draws = chain.get_chain(discard=10, flat=True)
     return np.quantile(draws, [0.025, 0.975], axis=0)
 
 

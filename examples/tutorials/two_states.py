@@ -65,7 +65,7 @@ def infer(after, priors, bounds):
     pairs["after"] = after, terms["after"]
     prior = ef.IndependentPrior(priors, bounds=bounds)
     posterior = ef.LogPosterior.joint(pairs, prior, dict.fromkeys(truth, "GPa"))
-    return posterior, ef.run(posterior, steps=200, ensembles=2, seed=1)
+    return posterior, ef.run(posterior, steps=120, ensembles=2, seed=1)
 
 
 posterior, run = infer(models["after"], priors, bounds)
