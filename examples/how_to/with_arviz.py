@@ -91,27 +91,9 @@ print(np.round(shares, 2))
 # Neither near 0 nor near 1: both frequencies are as the other data predict.
 # `az.plot_loo_pit(one, **variable)` draws these shares; its curve needs tens of data.
 #
-# ## Samples of plain emcee
+# Samplers of plain emcee are converted, judged and tabulated, too: {doc}`/start/emcee_users`.
+# What `arviz.from_emcee` returns is accepted as well.
 #
-# A sampler of any log-probability can be converted with names, then judged and
-# tabulated. Without a {py:class}`~emcee_femu.LogPosterior`, prior, data and model are
-# unknown, so comparisons with them are left out. What `arviz.from_emcee` returns is
-# accepted as well.
-
-# %%
-import emcee
-
-
-def log_probability(theta):
-    return -0.5 * float(np.sum(((theta - [53e3, 7.4e3]) / [2e3, 300]) ** 2))
-
-
-sampler = emcee.EnsembleSampler(16, 2, log_probability, moves=ef.DEMCMove())
-sampler.run_mcmc(posterior.start(16, seed=1), 1_000)
-plain = ef.to_inference_data(sampler, discard=200, names=["k1", "k2"])
-ef.parameter_table(plain)
-
-# %% [markdown]
 # ## What does not work
 #
 # - `isel(draw=...)` and `isel(chain=...)` of ArviZ take the same places in every group,
@@ -126,4 +108,3 @@ assert ((shares > 0.05) & (shares < 0.95)).all()
 assert idata["posterior_predictive"]["frequency"].shape == (1, 500, 2)
 assert list(ranking.index) == ["k1 and k2", "k1 alone"]
 assert ef.parameter_table(idata).column("unit") == ["kN/m"] * 2
-assert abs(ef.parameter_table(plain).column("mean")[0] / 53e3 - 1) < 0.01

@@ -202,17 +202,6 @@ unknown_table
 # The prior of the noise needs a lower bound above zero. With as many parameters as
 # frequencies, or more, the model can fit all of them exactly, and the likelihood grows
 # without bound as the noise goes to zero.
-#
-# ## In short
-#
-# - Give the scatter of one test, never that of the mean of many.
-# - Infer unknown noise: `discrepancy="noise"` alone, uniform from 0.1 to 5 %.
-# - Infer the model's error: `discrepancy="error"`, half-normal of 2 % for frequencies.
-#   Shapes have their own, `ShapeTerm(test, discrepancy="shape error")`.
-# - Look at {py:func}`~emcee_femu.predictive_table` with the posterior. Trust intervals
-#   only where the measured values lie inside.
-# - An inferred error much larger than expected is news about the model. Look for what
-#   it lacks before you widen the prior.
 
 # %% tags=["remove-cell"]
 assert 0.6 < 100 * errors.std(axis=0).mean() < 1.4
