@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from commands import command, mapping, tabulate
+from commands import command, tabulate
 from hard_posteriors import Target, posterior_of
 from scipy import integrate, stats
 
@@ -184,24 +184,19 @@ def summarize(name: str, method: str, results: Floats) -> tuple[object, ...]:
 def main(
     seeds: int = 20,
     first: int = 1,
-    processes: int = 2,
     size: int = 1_000,
     problem: tuple[str, ...] = tuple(PROBLEMS),
     method: tuple[str, ...] = tuple(METHODS),
 ) -> Table:
     """Print and return the table; ``size`` is that of a population."""
     numbers = range(first, first + seeds)
-    with mapping(processes) as many:
-        rows = (
-            summarize(
-                *case,
-                np.array(
-                    [*many(functools.partial(estimate, *case, size=size), numbers)]
-                ),
-            )
-            for case in itertools.product(problem, method)
-        )
-        return tabulate(f"Log evidence, {seeds} seeds each", FORMATS, rows)
+
+    def row(name: str, method: str) -> tuple[object, ...]:
+        found = [estimate(name, method, seed, size) for seed in numbers]
+        return summarize(name, method, np.array(found))
+
+    rows = itertools.starmap(row, itertools.product(problem, method))
+    return tabulate(f"Log evidence, {seeds} seeds each", FORMATS, rows)
 
 
 if __name__ == "__main__":

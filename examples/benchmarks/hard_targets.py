@@ -18,7 +18,7 @@ import warnings
 from typing import NamedTuple
 
 import numpy as np
-from commands import command, mapping, tabulate
+from commands import command, tabulate
 from hard_posteriors import TARGETS, Target, inside, posterior_of
 
 import emcee_femu as ef
@@ -105,24 +105,18 @@ def summarize(name: str, runs: list[Run]) -> tuple[object, ...]:
 def main(
     seeds: int = 3,
     targets: str = "",
-    processes: int = 1,
     first: int = 0,
 ) -> dict[str, list[Run]]:
     """Run those with a part of their names; print a table, return runs by target."""
     names = [name for name in TARGETS if targets in name]
-    for name in names:
-        truth_of(name)  # before processes are forked
     results: dict[str, list[Run]] = {}
-    with mapping(processes) as many:
 
-        def row(name: str) -> tuple[object, ...]:
-            judged = many(functools.partial(judge, name), numbers)
-            results[name] = [*judged]
-            return summarize(name, results[name])
+    def row(name: str) -> tuple[object, ...]:
+        results[name] = [judge(name, seed) for seed in range(first, first + seeds)]
+        return summarize(name, results[name])
 
-        numbers = range(first, first + seeds)
-        title = "Hard targets: what runs called converged are worth"
-        table = tabulate(title, COLUMNS, map(row, names))
+    title = "Hard targets: what runs called converged are worth"
+    table = tabulate(title, COLUMNS, map(row, names))
     runs, called, wrong, right, both = (
         sum(row[i] for row in table.rows) for i in range(1, 6)
     )

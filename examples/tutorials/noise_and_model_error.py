@@ -48,10 +48,7 @@ print(exact.round(3), "Hz")
 # {py:class}`~emcee_femu.FrequencyTerm` takes the first as one relative standard deviation
 # (`relative_sd=0.002`), as one per mode, in Hz (`sd`), or as a covariance in Hz².
 # {py:meth}`~emcee_femu.Measurements.from_repeats` makes the covariance from several
-# tests. It is that **of one test**, not of their mean: what the tests of a day share,
-# no repeat on this day can show, and no number of repeats averages it out. So dividing
-# by their number makes an interval shrink about a wrong centre. [Repeated
-# tests](../how_to/repeated_tests.py) has an example, with shapes.
+# tests, **of one test**, not of their mean: {doc}`/how_to/repeated_tests` says why.
 #
 # ## The model's own error
 #
