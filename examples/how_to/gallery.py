@@ -79,10 +79,10 @@ for day, shift in {"May": 0.99, "June": 1.0, "July": 1.01}.items():
     term = ef.FrequencyTerm(shift * test.frequencies, relative_sd=0.01)
     of_day = ef.LogPosterior(model, term, prior)
     tests[day] = ef.to_inference_data(ef.run(of_day, steps=60, ensembles=1, seed=1))
-population = ef.population.NormalPopulation([*truth])
+population = ef.population.NormalPopulation(["k1", "k2"])
 pooled = ef.pool_tests(tests, population, seed=1, steps=60, ensembles=1, draws=200)
 
-# %% mystnb={"image": {"alt": "Stiffnesses of three tests, each alone and given all, their mean and the next test"}}
+# %% mystnb={"image": {"alt": "Two stiffnesses of three tests, each alone and given all, their mean and the next test"}}
 ef.figures.plot_population(pooled)
 
 # %% [markdown]
