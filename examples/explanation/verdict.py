@@ -84,9 +84,9 @@ settings = {
     "walkers in both modes": dict(
         moves=ef.MetropolisMove(sd=0.04), steps=2_000, starts=both
     ),
-    "each in its own mode": dict(steps=500, starts=own),
-    "all in one mode": dict(steps=500, starts=same),
-    "one ensemble in one mode": dict(steps=500, starts=same[0], ensembles=1),
+    "each in its own mode": dict(steps=800, starts=own),
+    "all in one mode": dict(steps=800, starts=same),
+    "one ensemble in one mode": dict(steps=800, starts=same[0], ensembles=1),
 }
 runs, shorts = {}, {}
 for title, setting in settings.items():

@@ -2,7 +2,7 @@
 # # A gallery of figures
 #
 # Every figure of the package, with the line that draws it. `python
-# examples/how_to/gallery.py` runs this page (40 s). Each function returns a matplotlib
+# examples/how_to/gallery.py` runs this page (10 s). Each function returns a matplotlib
 # figure: save it with `figure.savefig("name.pdf")`. {doc}`report` explains more.
 #
 # The structure is a simulated shear building of three storeys with two measured modes.

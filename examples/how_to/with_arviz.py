@@ -3,7 +3,7 @@
 #
 # Pass samples of this package to ArviZ, and samples of plain emcee to this package:
 # which functions work on which, and what their numbers mean if walkers are chains.
-# `python examples/how_to/with_arviz.py` runs this page (15 s).
+# `python examples/how_to/with_arviz.py` runs this page (5 s).
 #
 # The structure has two storeys; its measured frequencies and mode shapes are simulated.
 # One model class has two unknown stiffnesses. In the other, the upper stiffness is that

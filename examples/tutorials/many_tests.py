@@ -96,7 +96,7 @@ pooled
 #
 # The second table has each test by itself, and given all others, which determine it
 # better. Tests whose draws hardly reach to where the others put them (Pareto k above 0.7)
-# were sampled again under the population, since `posteriors` are given.
+# are sampled again under the population if `posteriors` are given; here all reach it.
 
 # %% mystnb={"image": {"alt": "Two panels, frame and soil, one row for each of 14 days: grey intervals of single tests, blue ones given all tests beside them, a little shorter and nearer to the population's mean"}}
 ef.figures.plot_population(pooled)
