@@ -78,9 +78,9 @@ tests = {}
 for day, shift in {"May": 0.99, "June": 1.0, "July": 1.01}.items():
     term = ef.FrequencyTerm(shift * test.frequencies, relative_sd=0.01)
     of_day = ef.LogPosterior(model, term, prior)
-    tests[day] = ef.to_inference_data(ef.run(of_day, steps=60, ensembles=1, seed=1))
-population = ef.population.NormalPopulation(["k1", "k2"])
-pooled = ef.pool_tests(tests, population, seed=1, steps=60, ensembles=1, draws=200)
+    tests[day] = ef.to_inference_data(ef.run(of_day, steps=60, ensembles=2, seed=1))
+population = ef.population.NormalPopulation(["k1", "k3"])
+pooled = ef.pool_tests(tests, population, seed=1, steps=60, ensembles=1)
 
 # %% mystnb={"image": {"alt": "Two stiffnesses of three tests, each alone and given all, their mean and the next test"}}
 ef.figures.plot_population(pooled)
@@ -98,7 +98,7 @@ ef.figures.plot_comparison(compared)
 # %%
 narrow = ef.GaussianPrior([*truth], [20e3] * 3, 1e3, bounds)
 sure = ef.LogPosterior(paired, terms, narrow)
-runs = {"15 %": run, "5 %": ef.run(sure, steps=150, ensembles=2, seed=1)}
+runs = {"prior 15 %": run, "prior 5 %": ef.run(sure, steps=150, ensembles=2, seed=1)}
 classes = ef.compare_models(runs)
 
 # %% mystnb={"image": {"alt": "Log evidence of two models with error bars, and their probabilities"}}
