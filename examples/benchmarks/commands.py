@@ -1,4 +1,4 @@
-"""What the benchmarks share: options, processes and tables.
+"""What the benchmarks share: options and tables.
 
 The options of a benchmark are the arguments of its ``main``:
 ``python examples/benchmarks/evidence.py --help`` lists them.
@@ -7,9 +7,7 @@ The options of a benchmark are the arguments of its ``main``:
 import argparse
 import inspect
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from emcee_femu.table import Table
@@ -33,16 +31,6 @@ def command(main: Callable[..., object]) -> None:
             help=f"default: {' '.join(map(str, default)) if several else default}",
         )
     main(**vars(parser.parse_args()))
-
-
-@contextmanager
-def mapping(processes: int) -> Iterator[Callable[..., Iterable[Any]]]:
-    """Yield a ``map``, by so many processes, or by this one if there is one."""
-    if processes == 1:
-        yield map
-    else:
-        with ProcessPoolExecutor(processes) as pool:
-            yield pool.map
 
 
 def tabulate(title: str, formats: Mapping[str, str], rows: Iterable[Any]) -> Table:

@@ -2,7 +2,7 @@
 
 The targets are those of ``hard_posteriors.py``; up to a million exact draws of each
 give its means, standard deviations and the weights of its modes. Each run of "auto"
-ends by its own verdict, or after --steps.
+ends by its own verdict.
 
 A run is wrong if a mean is off by more than 0.15 sd and three of its standard errors, a
 standard deviation by more than 12 % and two of its claimed errors, or the weight of a
@@ -18,16 +18,14 @@ import warnings
 from typing import NamedTuple
 
 import numpy as np
-from commands import command, mapping, tabulate
-from hard_posteriors import BELIEVED, FRESH, TARGETS, Target, inside, posterior_of
+from commands import command, tabulate
+from hard_posteriors import TARGETS, Target, inside, posterior_of
 
 import emcee_femu as ef
 
 Floats = np.ndarray
 MOST_DRAWS, MOST_NUMBERS = 1_000_000, 10_000_000  # of a target, exact
 FAR_MEAN, FAR_SD, FAR_WEIGHT = 0.15, 0.12, 0.05
-SETS = {"eighteen": TARGETS, "twelve": FRESH, "fourteen": BELIEVED}
-ALL = TARGETS | FRESH | BELIEVED
 COLUMNS = {
     "target": "", "runs": "", "converged": "", "wrong": "", "right": "",
     "converged ": "", "worst sd %": ".0f", "rms z": ".2f",
@@ -58,19 +56,18 @@ class Run(NamedTuple):
 @functools.cache
 def truth_of(name: str) -> tuple[Target, Truth]:
     """Return a target, and what exact draws say of it."""
-    target = ALL[name]()
+    target = TARGETS[name]()
     x = inside(target, min(MOST_DRAWS, MOST_NUMBERS // len(target.box)))
     weights = np.bincount(target.label(x)) / len(x) if target.label else np.ones(1)
     return target, Truth(x.mean(axis=0), x.std(axis=0), weights, len(x))
 
 
-def judge(name: str, steps: int | None, seed: int) -> Run:
+def judge(name: str, seed: int) -> Run:
     """Run "auto" on a target, and compare."""
     target, truth = truth_of(name)
-    steps = steps and max(8, round(target.steps * steps))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the verdict is what counts
-        run = ef.run(posterior_of(target), steps=steps, seed=seed)
+        run = ef.run(posterior_of(target), seed=seed)
         found = ef.diagnose(run)
     x = np.concatenate([sampler.get_chain(flat=True) for sampler in run])
     error = truth.sd * np.sqrt(1 / found.ess_bulk + 1 / truth.draws)
@@ -107,30 +104,20 @@ def summarize(name: str, runs: list[Run]) -> tuple[object, ...]:
 
 def main(
     seeds: int = 3,
-    targets: str = "fourteen",
-    steps: int | None = None,
-    processes: int = 1,
+    targets: str = "",
     first: int = 0,
 ) -> dict[str, list[Run]]:
-    """Run, print the table and the totals, and return all runs by target.
-
-    Targets are "fourteen", "twelve", "eighteen", a name or a part of names.
-    """
-    named = [targets] if targets in ALL else [name for name in ALL if targets in name]
-    names = [*SETS.get(targets, named)]
-    for name in names:
-        truth_of(name)  # before processes are forked
+    """Run those of a name or a part of it; print a table, return runs by target."""
+    named = [name for name in TARGETS if targets in name]
+    names = [targets] if targets in TARGETS else named
     results: dict[str, list[Run]] = {}
-    with mapping(processes) as many:
 
-        def row(name: str) -> tuple[object, ...]:
-            judged = many(functools.partial(judge, name, steps), numbers)
-            results[name] = [*judged]
-            return summarize(name, results[name])
+    def row(name: str) -> tuple[object, ...]:
+        results[name] = [judge(name, seed) for seed in range(first, first + seeds)]
+        return summarize(name, results[name])
 
-        numbers = range(first, first + seeds)
-        title = "Hard targets: what runs called converged are worth"
-        table = tabulate(title, COLUMNS, map(row, names))
+    title = "Hard targets: what runs called converged are worth"
+    table = tabulate(title, COLUMNS, map(row, names))
     runs, called, wrong, right, both = (
         sum(row[i] for row in table.rows) for i in range(1, 6)
     )

@@ -127,7 +127,7 @@ def wrong_variances(n, ensembles, steps=150, d=3, seed=1):
 
 
 # %%
-def demc_variances(n, ensembles, steps=150, seed=1):
+def demc_variances(n, ensembles, steps=100, seed=1):
     """Return the same for DEMCMove."""
     random = np.random.RandomState(seed)
 

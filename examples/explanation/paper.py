@@ -148,7 +148,7 @@ Table(
 
 # %%
 loose = ef.paper.h_structure(beta=10).posterior
-theta = loose.prior.sample(np.random.default_rng(1), 1_500)
+theta = loose.prior.sample(np.random.default_rng(1), 800)
 log_weights = loose(theta)[:, 0] - loose.prior.logpdf(theta)
 weights = np.exp(log_weights - log_weights.max())
 weights /= weights.sum()
@@ -164,7 +164,7 @@ print(f"efficiency of the weights: {1 / (weights**2).sum() / len(weights):.2f}")
 # box. They trap walkers of DE-MC, but not `"auto"`.
 
 # %%
-chains = ef.run(frame.posterior, nwalkers=16, steps=150, ensembles=2, seed=1)
+chains = ef.run(frame.posterior, nwalkers=16, steps=100, ensembles=2, seed=1)
 sharp = ef.to_inference_data(chains)
 draws = np.column_stack([sharp.posterior[name].values.ravel() for name in names])
 mean, cov = draws.mean(axis=0), 100 * draws.std(axis=0) / draws.mean(axis=0)
@@ -245,7 +245,7 @@ whole = ef.paper.h_frame(range(1, 13), shapes=places)
 shapes = whole({name: np.array([x]) for name, x in frame.initial.items()}).shapes[0]
 test = ef.Measurements(frame.measured, shapes=shapes[:, home - 1], dofs=places)
 paired = ef.PairedModel(whole, test, candidates=12, min_gap=0.0)
-inside = np.random.default_rng(1).uniform(*frame.posterior.prior.bounds.T, (500, 6))
+inside = np.random.default_rng(1).uniform(*frame.posterior.prior.bounds.T, (300, 6))
 numbers = paired(dict(zip(names, inside.T, strict=True))).model_mode
 switched = (numbers != home).any(axis=1).mean()
 print(f"{100 * switched:.0f} % of the box have another order")

@@ -82,7 +82,7 @@ both = maxima[[0, 1] * 4] + ball  # of the walkers of each ensemble
 settings = {
     "60 steps": dict(steps=60, starts=same),
     "walkers in both modes": dict(
-        moves=ef.MetropolisMove(sd=0.02), steps=2_500, starts=both
+        moves=ef.MetropolisMove(sd=0.04), steps=2_000, starts=both
     ),
     "each in its own mode": dict(steps=800, starts=own),
     "all in one mode": dict(steps=800, starts=same),

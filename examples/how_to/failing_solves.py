@@ -13,8 +13,6 @@
 
 # %%
 import logging
-import tempfile
-from pathlib import Path
 
 import numpy as np
 
@@ -52,7 +50,7 @@ except ArithmeticError as error:
 # %%
 logging.getLogger("emcee_femu").setLevel(logging.ERROR)
 run = ef.run(
-    posterior, ef.DEMCMove(), steps=500, ensembles=2, seed=1,
+    posterior, ef.DEMCMove(), steps=200, ensembles=2, seed=1,
     on_failure="reject", max_failures=0.2,
 )  # fmt: skip
 log = run.failures
@@ -84,43 +82,14 @@ print("the first one:", first.message, dict(first.parameters), sep="\n  ")
 #   the run does what `on_failure` says.
 # - A full disk, a missing program, or no licence after `patience` seconds is
 #   `Unavailable`. It is a `BaseException`, not an `Exception`, so that it stops the run in
-#   any case:
-
-
-# %%
-class Unavailable(BaseException):
-    """The machine cannot solve now."""
-
-
-calls = []
-
-
-def licensed(p):
-    calls.append(p)
-    if len(calls) == 9:
-        raise Unavailable("no licence")
-    return frequencies(p)
-
-
-licensed_posterior = ef.LogPosterior(ef.FunctionModel(licensed, 2), term, prior)
-with tempfile.TemporaryDirectory() as folder:  # yours is where you keep results
-    file = Path(folder) / "frame.chain"
-    options = {"seed": 1, "backend": file, "resume": True, "on_failure": "reject"}
-    try:
-        ef.emulate(licensed_posterior, 20, **options)
-    except Unavailable as error:
-        print(f"stopped by {error!r} at solve {len(calls)}")
-    emulated = ef.emulate(licensed_posterior, 20, **options)
-print(f"the next day: {emulated.solves} solves by {len(calls)} calls")
-
-# %% [markdown]
-# `emulate` stores every solve as it arrives. When the server is back, the same call
-# checks that the model is the same, and continues. So do `certify` and `run`
-# ({doc}`/tutorials/long_runs`). A solve that `emulate` rejects is left out of the fit;
-# in `certify` such a draw has no weight.
+#   any case.
+#
+# All solves are in the file `backend=`. When the server is back, the same call checks that
+# the model is the same, and continues: `run` ({doc}`/tutorials/long_runs`), `emulate`
+# ({doc}`/tutorials/hundred_solves`) and `certify`. A solve that `emulate` rejects is left
+# out of the fit; in `certify` such a draw has no weight.
 
 # %% tags=["remove-cell"]
 assert 0 < log.causes["exception"] < 0.2 * log.evaluations
 assert max(s.get_chain()[..., 1].max() for s in run) <= 9.5
 assert "'exception'" in str(ef.diagnose(run, discard=100))
-assert emulated.solves < len(calls) < emulated.solves + 20

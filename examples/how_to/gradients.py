@@ -5,7 +5,7 @@
 # solve, and see what happens without them. `python examples/how_to/gradients.py` runs
 # this page (2 s). The data are made up.
 #
-# Searches for maxima ({doc}`first_look`), `"auto"`, and
+# Searches for maxima ({doc}`/tutorials/what_is_learned`), `"auto"`, and
 # {py:class}`~emcee_femu.moves.HamiltonianMove` for ten parameters and more use
 # derivatives. All models of this package have them already, see below.
 #

@@ -36,7 +36,7 @@ posterior = ef.LogPosterior(model, terms, prior)
 # %%
 found = ef.find_map(posterior, 4, seed=1, check=0)
 best = found.maxima[0]
-samples = found.draw(20, seed=1)
+samples = found.draw(12, seed=1)
 print(f"{found.solves} solves; maximum", best.theta.round())
 
 # %% [markdown]
@@ -57,7 +57,7 @@ print(move.steps, "steps of", round(move.step_size, 2))
 
 # %%
 starts = found.draw(4 * 8, seed=2).reshape(4, 8, 10)
-run = ef.run(posterior, move, nwalkers=8, steps=150, seed=1, starts=starts)
+run = ef.run(posterior, move, nwalkers=8, steps=100, seed=1, starts=starts)
 diagnosis = ef.diagnose(run, discard=20)
 diagnosis
 

@@ -8,35 +8,9 @@
 #
 # {py:func}`~emcee_femu.read_matrices` reads what a program exports, and
 # {py:meth}`MatrixModel.from_differences <emcee_femu.MatrixModel.from_differences>`
-# makes the model from one export per parameter. With files of CalculiX (not called
-# here, since they come from your runs):
-
-
-# %%
-import tempfile
-from pathlib import Path
-
-import numpy as np
-from scipy.io import mmwrite
-from scipy.sparse import csc_array
-
-import emcee_femu as ef
-
-
-def from_calculix():
-    base = ef.read_matrices("beam.sti")  # beam.mas, beam.dof are beside it
-    soft = ef.read_matrices("beam_soft.sti")  # one modulus halved
-    other = ef.read_matrices("beam_third.sti")  # at another value, to check
-    return ef.MatrixModel.from_differences(
-        base,
-        {"E": {1.05e11: soft, 1.6e11: other}},
-        at={"E": 2.1e11},  # in beam.sti; 1 where nothing is said
-        n_modes=6,
-        shapes=base.sensors(["node 12 z", "node 20 z"]),
-    )
-
-
-# %% [markdown]
+# makes the model from one export per parameter. {doc}`calculix` does so with the files of
+# a real program.
+#
 # ## What to export
 #
 # | program | how it exports | what to give |
@@ -62,6 +36,15 @@ def from_calculix():
 # `.dof` is such a file.
 
 # %%
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from scipy.io import mmwrite
+from scipy.sparse import csc_array
+
+import emcee_femu as ef
+
 folder = Path(tempfile.mkdtemp())
 
 
@@ -107,7 +90,8 @@ paired({"columns": [0.6, 1.0]}).frequencies.round(3)  # two parameter sets
 # ## Parameters from differences
 #
 # $K_j = (K(b) - K(a)) / (b - a)$ for each parameter, from the base and an export in
-# which only this parameter was changed. M is split in the same way: an export is what
+# which only this parameter was changed; `at={"E": 2.1e11}` says its value in the base,
+# which is 1 if nothing is said. M is split in the same way: an export is what
 # `read_matrices` gives, `(K, M)`, or K alone if M is the same. Two matrices always lie
 # on a straight line. With more exports the fewest powers up to the cube that fit are
 # used. If K is not a polynomial of a parameter, the error says how far it is off.

@@ -104,15 +104,7 @@ def assemble(theta):
 #
 # {py:meth}`MatrixModel.from_differences <emcee_femu.MatrixModel.from_differences>`
 # makes $K = K_0 + \sum_j \theta_j K_j$ from one assembly with all factors 1 and one per
-# group doubled ({doc}`opensees`).
-#
-# The measured frequencies are simulated: those of PyNite at true factors, with 0.5 % of
-# noise. At these factors the model must have the same frequencies, which verifies the
-# split. A real structure also deviates from its model:
-# `ef.FrequencyTerm(..., discrepancy="model error")`, see
-# {doc}`/tutorials/noise_and_model_error`. The cell is inside
-# `if __name__ == "__main__":`, so that the functions above can be imported without
-# PyNite.
+# group doubled. {doc}`opensees` has the same steps, and more words on them.
 
 # %%
 if __name__ == "__main__":

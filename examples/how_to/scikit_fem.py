@@ -112,13 +112,8 @@ def frequencies(basis, theta):  # in Hz, by scikit-fem
 
 
 # %% [markdown]
-# Every element belongs to a strip, so $K_0$ is zero. The measured frequencies are
-# simulated: those of scikit-fem at true factors, with 0.5 % of noise. At these factors
-# the model must have the same frequencies, which verifies the split. A real structure
-# also deviates from its model: `ef.FrequencyTerm(..., discrepancy="model error")`, see
-# {doc}`/tutorials/noise_and_model_error`. The cell is inside
-# `if __name__ == "__main__":`, so that the functions above can be imported without
-# scikit-fem.
+# Every element belongs to a strip, so $K_0$ is zero. {doc}`opensees` has the same steps,
+# and more words on them.
 
 # %%
 if __name__ == "__main__":

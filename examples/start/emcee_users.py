@@ -83,7 +83,7 @@ moves = {
     "DE-MC": ef.DEMCMove(),
     "auto": "auto",
 }
-comparison = ef.compare_moves(posterior, moves, 12, 500, discard=100, seed=1)
+comparison = ef.compare_moves(posterior, moves, 12, 250, discard=50, seed=1)
 comparison
 
 # %% [markdown]
@@ -134,6 +134,14 @@ plain = ef.diagnose(samplers, discard=300)
 plain
 
 # %% [markdown]
+# With names they are converted and tabulated; prior, data and model are unknown, so
+# comparisons with these are left out.
+
+# %%
+converted = ef.to_inference_data(samplers, discard=300, names=[*box])
+ef.parameter_table(converted)
+
+# %% [markdown]
 # `DEMCMove` replaces `emcee.moves.DEMove`. It proposes
 # $\theta_i + \gamma(\theta_a - \theta_b) + \epsilon$ with
 # $\gamma = 2.38/\sqrt{2d}$; emcee's move varies $\gamma$ at random and has no $\epsilon$.
@@ -163,4 +171,5 @@ assert abs(sigma.mean() / np.average(grid, weights=weights) - 1) < 0.03
 assert abs(float(at_ten.mean()) - best @ [1, 10]) < 0.1
 assert ef.diagnose(run).converged and plain.converged and plain.plain
 by_move = {label: value for label, (value, _) in comparison.efficiency.items()}
+assert abs(converted["posterior"]["sigma"].values.mean() / sigma.mean() - 1) < 0.03
 assert by_move["auto"] > 3 * max(by_move["DE-MC"], by_move["stretch"])

@@ -52,8 +52,8 @@ posterior = ef.LogPosterior(model, term, prior)
 # of an earlier run needs that run first:
 
 # %%
-(first,) = ef.run(posterior, ef.DEMCMove(), nwalkers=20, steps=500, seed=2, ensembles=1)
-draws = first.get_chain(discard=250, flat=True)
+(first,) = ef.run(posterior, ef.DEMCMove(), nwalkers=20, steps=400, seed=2, ensembles=1)
+draws = first.get_chain(discard=200, flat=True)
 moves = {
     "M-H, small steps": ef.MetropolisMove(sd=np.full(5, 0.1e6)),
     "M-H, tuned": ef.MetropolisMove.tuned(draws),
@@ -61,7 +61,7 @@ moves = {
     "DE-MC": ef.DEMCMove(),
     "auto": "auto",
 }
-compared = ef.compare_moves(posterior, moves, 20, steps=600, seed=2)
+compared = ef.compare_moves(posterior, moves, 20, steps=400, seed=2)
 compared
 
 # %% [markdown]

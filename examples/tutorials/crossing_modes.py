@@ -182,11 +182,7 @@ ef.pairing_table(plane)
 # plane the order has no meaning, and the angle depends on asymmetries that no model has
 # right.
 #
-# ## In short
-#
-# Measure shapes, if only at a few sensors. Wrap the model in a `PairedModel`, whether
-# you expect crossing or not, and look at {py:func}`~emcee_femu.pairing_table`. If no
-# shapes were measured, `PairedModel(model, frequencies, reference={...})` follows the
+# If no shapes were measured, `PairedModel(model, frequencies, reference={...})` follows the
 # model's own ({doc}`real_aircraft`), if test and model have the same order there. The
 # paper compares by number: [what that means for its H](../explanation/paper.py).
 

@@ -134,15 +134,9 @@ print(f"lost: {loss:.2f}; ln 10 = {np.log(10):.2f}")
 # on the error model as well: if errors are too small, every class fails, and the most
 # flexible one fails least.
 #
-# ## Where log evidences come from
-#
-# | what was run | what {py:func}`~emcee_femu.log_evidence` does |
-# |---|---|
-# | `"auto"` | one bridge, from the frozen proposal to the chain: no further solve |
-# | {py:class}`~emcee_femu.moves.TemperedMove` with betas from 1 to 0 | bridge sampling between neighbouring betas: [tempering](../how_to/tempering.py) |
-# | {py:func}`~emcee_femu.anneal` | hands on the estimate of the annealing: [TMCMC](../how_to/tempering.py) |
-#
-# If a standard error cannot be trusted, none is claimed. The reason is then in
+# {py:func}`~emcee_femu.log_evidence` takes runs of `"auto"`, by one bridge from the frozen
+# proposal to the chain, tempered runs, and annealed populations: [several
+# modes](../how_to/tempering.py). If a standard error cannot be trusted, none is claimed. The reason is then in
 # `problems`, and `compare_models` decides nothing. [Moves
 # measured](../explanation/moves_measured.md) compares all three with exact values.
 

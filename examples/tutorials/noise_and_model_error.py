@@ -48,10 +48,7 @@ print(exact.round(3), "Hz")
 # {py:class}`~emcee_femu.FrequencyTerm` takes the first as one relative standard deviation
 # (`relative_sd=0.002`), as one per mode, in Hz (`sd`), or as a covariance in Hz².
 # {py:meth}`~emcee_femu.Measurements.from_repeats` makes the covariance from several
-# tests. It is that **of one test**, not of their mean: what the tests of a day share,
-# no repeat on this day can show, and no number of repeats averages it out. So dividing
-# by their number makes an interval shrink about a wrong centre. [Repeated
-# tests](../how_to/repeated_tests.py) has an example, with shapes.
+# tests, **of one test**, not of their mean: {doc}`/how_to/repeated_tests` says why.
 #
 # ## The model's own error
 #
@@ -131,9 +128,9 @@ def interval(posterior, seed):
     top = ef.find_map(posterior, starts=2, seed=seed).maxima[0]
     rng = np.random.default_rng(seed)
     start = np.abs(rng.multivariate_normal(top.theta, top.covariance, 40))
-    settings = {"nwalkers": 40, "steps": 60, "ensembles": 1, "starts": start}
+    settings = {"nwalkers": 40, "steps": 40, "ensembles": 1, "starts": start}
     (chain,) = ef.run(posterior, ef.DEMCMove(), seed=seed, **settings)
-    draws = chain.get_chain(discard=20, flat=True)
+    draws = chain.get_chain(discard=10, flat=True)
     return np.quantile(draws, [0.025, 0.975], axis=0)
 
 
@@ -202,17 +199,6 @@ unknown_table
 # The prior of the noise needs a lower bound above zero. With as many parameters as
 # frequencies, or more, the model can fit all of them exactly, and the likelihood grows
 # without bound as the noise goes to zero.
-#
-# ## In short
-#
-# - Give the scatter of one test, never that of the mean of many.
-# - Infer unknown noise: `discrepancy="noise"` alone, uniform from 0.1 to 5 %.
-# - Infer the model's error: `discrepancy="error"`, half-normal of 2 % for frequencies.
-#   Shapes have their own, `ShapeTerm(test, discrepancy="shape error")`.
-# - Look at {py:func}`~emcee_femu.predictive_table` with the posterior. Trust intervals
-#   only where the measured values lie inside.
-# - An inferred error much larger than expected is news about the model. Look for what
-#   it lacks before you widen the prior.
 
 # %% tags=["remove-cell"]
 assert 0.6 < 100 * errors.std(axis=0).mean() < 1.4

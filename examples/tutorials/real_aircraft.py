@@ -86,7 +86,7 @@ term = ef.FrequencyTerm(MEASURED, relative_sd=0.01)
 small
 
 # %%
-by_number = ef.run(ef.LogPosterior(small, term, prior), steps=200, ensembles=2, seed=1)
+by_number = ef.run(ef.LogPosterior(small, term, prior), steps=100, ensembles=2, seed=1)
 print(ef.diagnose(by_number).fit.sentence)
 ef.parameter_table(by_number)
 
@@ -111,7 +111,7 @@ ef.frequency_table(by_number)
 paired = ef.PairedModel(
     small, MEASURED, reference=dict.fromkeys(six, 1.0), candidates=12
 )
-by_shape = ef.run(ef.LogPosterior(paired, term, prior), steps=200, ensembles=2, seed=1)
+by_shape = ef.run(ef.LogPosterior(paired, term, prior), steps=100, ensembles=2, seed=1)
 print(ef.diagnose(by_shape).fit.sentence)
 ef.frequency_table(by_shape)
 
@@ -148,7 +148,7 @@ start = dict.fromkeys(why, 1.0) | {"layer": 0.5, "joint": 5.0}
 paired = ef.PairedModel(small, MEASURED, reference=start, candidates=12)
 term = ef.FrequencyTerm(MEASURED, relative_sd=0.002, discrepancy="model error")
 explained = ef.LogPosterior(paired, term, prior)
-run = ef.run(explained, steps=300, ensembles=2, seed=1)
+run = ef.run(explained, steps=220, ensembles=2, seed=1)
 ef.diagnose(run)
 
 # %%

@@ -4,7 +4,7 @@
 # How much stiffness was lost between two tests, and how sure is that? One posterior has
 # both states, and the fall is computed from its samples, with an interval and a
 # probability. **All data of this page are simulated**, so that the truth is known.
-# `python examples/tutorials/two_states.py` runs this page (25 s of processor time).
+# `python examples/tutorials/two_states.py` runs this page (13 s of processor time).
 #
 # A steel mast of 12 m has three parts. Five frequencies were measured when it was new,
 # and again after a storm, each to 0.2 %. In truth the lower part has lost 6 % of its
@@ -65,7 +65,7 @@ def infer(after, priors, bounds):
     pairs["after"] = after, terms["after"]
     prior = ef.IndependentPrior(priors, bounds=bounds)
     posterior = ef.LogPosterior.joint(pairs, prior, dict.fromkeys(truth, "GPa"))
-    return posterior, ef.run(posterior, steps=200, ensembles=2, seed=1)
+    return posterior, ef.run(posterior, steps=120, ensembles=2, seed=1)
 
 
 posterior, run = infer(models["after"], priors, bounds)

@@ -19,19 +19,12 @@ def test_benchmark(capsys):
 
 
 @pytest.mark.slow
-def test_overhead(capsys):
-    """What the page quotes is printed, once for each move and size."""
-    load("overhead").main(blocks=2, n=20)
-    assert capsys.readouterr().out.count("x faster") == 9
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "problem"), [("auto", "Gaussian, d=2"), ("anneal", "two modes")]
 )
 def test_evidence(method, problem, capsys):
     """What the page quotes is printed, of one target, and it is near the truth."""
-    found = load("evidence").main(2, 1, 1, 200, (problem,), (method,))
+    found = load("evidence").main(2, 1, 200, (problem,), (method,))
     assert abs(found.column("bias")[0]) < 1 and problem in capsys.readouterr().out
 
 
@@ -46,8 +39,7 @@ def test_commands(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["x.py", "--steps", "5", "--names", "c"])
     commands.command(main)
     assert called == [(3, 5, ["c"])]
-    with commands.mapping(1) as many:
-        table = commands.tabulate("squares", {"n": "d"}, many(lambda n: (n * n,), [2]))
+    table = commands.tabulate("squares", {"n": "d"}, map(lambda n: (n * n,), [2]))
     assert table.column("n") == [4] and "squares" in capsys.readouterr().out
 
 
@@ -71,10 +63,10 @@ def test_damage_alarms(capsys):
 HARD = load("hard_targets")
 
 
-@pytest.mark.parametrize("name", HARD.ALL)
+@pytest.mark.parametrize("name", HARD.TARGETS)
 def test_hard_posteriors(name):
     """A reversible step from exact draws may not change centre, spread or density."""
-    target = HARD.ALL[name]()
+    target = HARD.TARGETS[name]()
     x = HARD.inside(target, 200_000 // max(10, len(target.box)), seed=3)
     rng = np.random.default_rng(4)
     # Along differences of draws, so that ridges are followed, some of them short.
@@ -150,9 +142,9 @@ def test_cluster_scaling(capsys):
 
 @pytest.mark.slow
 def test_curved_posteriors(capsys):
-    """What the page quotes is printed, of one problem."""
-    load("curved_posteriors").main(problem=("springs",), seeds=2, steps=20)
-    assert "springs" in capsys.readouterr().out
+    """What the page quotes is printed."""
+    table = load("curved_posteriors").main(seeds=1, steps=20)
+    assert str(table) in capsys.readouterr().out and min(table.column("ESS")) > 20
 
 
 # --- large models -----------------------------------------------------------------
