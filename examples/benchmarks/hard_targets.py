@@ -19,12 +19,14 @@ from typing import NamedTuple
 
 import numpy as np
 from commands import command, tabulate
-from hard_posteriors import TARGETS, Target, inside, posterior_of
+from hard_posteriors import BELIEVED, FRESH, TARGETS, Target, inside, posterior_of
 
 import emcee_femu as ef
 
 Floats = np.ndarray
 MOST_DRAWS, MOST_NUMBERS = 1_000_000, 10_000_000  # of a target, exact
+SETS = {"eighteen": TARGETS, "twelve": FRESH, "fourteen": BELIEVED}
+ALL = TARGETS | FRESH | BELIEVED
 FAR_MEAN, FAR_SD, FAR_WEIGHT = 0.15, 0.12, 0.05
 COLUMNS = {
     "target": "", "runs": "", "converged": "", "wrong": "", "right": "",
@@ -56,7 +58,7 @@ class Run(NamedTuple):
 @functools.cache
 def truth_of(name: str) -> tuple[Target, Truth]:
     """Return a target, and what exact draws say of it."""
-    target = TARGETS[name]()
+    target = ALL[name]()
     x = inside(target, min(MOST_DRAWS, MOST_NUMBERS // len(target.box)))
     weights = np.bincount(target.label(x)) / len(x) if target.label else np.ones(1)
     return target, Truth(x.mean(axis=0), x.std(axis=0), weights, len(x))
@@ -104,12 +106,12 @@ def summarize(name: str, runs: list[Run]) -> tuple[object, ...]:
 
 def main(
     seeds: int = 3,
-    targets: str = "",
+    targets: str = "fourteen",
     first: int = 0,
 ) -> dict[str, list[Run]]:
-    """Run those of a name or a part of it; print a table, return runs by target."""
-    named = [name for name in TARGETS if targets in name]
-    names = [targets] if targets in TARGETS else named
+    """Run a set, a name or those with a part of it; print and return runs by target."""
+    named = [targets] if targets in ALL else [name for name in ALL if targets in name]
+    names = [*SETS.get(targets, named)]
     results: dict[str, list[Run]] = {}
 
     def row(name: str) -> tuple[object, ...]:
