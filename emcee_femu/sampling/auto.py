@@ -169,6 +169,7 @@ def search_and_start(
         screened=screened,
         surface=None if surface is None else surface.arguments,
         followed=followed,
+        kurtosis=search.draws.kurtosis(),
     )
     return record, states
 

@@ -35,6 +35,7 @@ MOST_ADDED = 0.35  # weight of all components that are added at once
 TERMS, HELD_BY_TERMS, CARRIER_WEIGHT, CARRIER_LACK = 10, 0.08, 0.05, 0.3
 CARRIER_RIDGE = 0.3  # of the nearest component, in its matrix
 CARRYING_ROUNDS = 4
+FEWEST_OF_KURTOSIS = 100  # effective draws: it comes from a few of them
 RELEVANT = 8.0  # a draw whose log-weight is so far below the largest carries no mass
 
 # Draws from a mixture, and evaluates: draws (size, d) and their rows.
@@ -94,6 +95,13 @@ class Draws:
     def log_evidence(self) -> float:
         """The log evidence, for log_q counts the draws."""
         return float(logsumexp(self.log_weights))
+
+    def kurtosis(self) -> Floats:
+        """Return that of each parameter; 0 where few draws weigh, or it is constant."""
+        squares = (self.x - self.shares @ self.x) ** 2
+        second, fourth = self.shares @ squares, self.shares @ squares**2
+        known = (second > 0) & (1 / (self.shares**2).sum() > FEWEST_OF_KURTOSIS)
+        return np.divide(fourth, second**2, out=np.zeros_like(second), where=known)
 
     def lack(self, mixture: Mixture) -> Floats:
         """Return ln(p / q) of each draw, p normalised."""

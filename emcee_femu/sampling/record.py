@@ -289,6 +289,7 @@ class SearchRecord(Report):
         from_prior: How many climbs began at draws of the prior, whatever their height.
         followed: By experiment, the number that each mode of the structure at the prior
             mean has at the maxima, ``(g, p)``; 0 where it lost its shape.
+        kurtosis: Of each parameter, by the weighted draws, ``(d,)``; 0 if unknown.
     """
 
     mixture: Mixture
@@ -310,6 +311,7 @@ class SearchRecord(Report):
     surface: Mapping[str, Any] | None = None
     from_prior: int = 0
     followed: Mapping[str, Any] = field(default_factory=dict)
+    kurtosis: Floats | float = 0.0
 
     @property
     def followed_in(self) -> int:

@@ -114,7 +114,8 @@ class Diagnosis(Report):
         rhat_between: R-hat with each independent ensemble as one chain, ``(d,)``. It
             reveals modes that some ensembles missed; NaN for a single ensemble.
         sd_error: Relative standard error of the standard deviation, from the ESS of
-            the squared deviations, ``(d,)``.
+            the squared deviations and their kurtosis, by the chain or by the search of
+            "auto", whichever is larger, ``(d,)``.
         scatter: Scatter of the ensembles' means and variances, whichever is worse,
             relative to the limit that tau allows, ``(d,)``. Values above 1 are too
             large; NaN for fewer than three ensembles.
@@ -241,8 +242,10 @@ def measure(chains: Chains) -> Diagnosis:
         between = rhat(by_ensemble.reshape(n_ensembles, -1, ndim))
     with np.errstate(divide="ignore", invalid="ignore"):
         steps_per_tau = steps / tau.max(axis=0)
-        of_variance = np.sqrt(squares.var(axis=(0, 1, 2)) / of_squares)
-        sd_error = 0.5 * of_variance / squares.mean(axis=(0, 1, 2))
+        kurtosis = 1 + squares.var(axis=(0, 1, 2)) / squares.mean(axis=(0, 1, 2)) ** 2
+        if chains.search is not None:  # which may have seen a tail that chains miss
+            kurtosis = np.fmax(kurtosis, chains.search.kurtosis)
+        sd_error = 0.5 * np.sqrt((kurtosis - 1) / of_squares)
     return Diagnosis(
         names=chains.names,
         steps=steps,
