@@ -1,9 +1,9 @@
 """Simulation-based calibration of a posterior's whole chain, and of "auto".
 
-The test, stated: of the ranks, for each parameter and the log-likelihood, a chi-square
-test of the uniform law in 8 bins. Bonferroni's correction asks each of these for
-p > 0.001 / their number, so that a sound chain fails with a probability of at most
-0.1 %, over the choice of the seed. For a mutant at least one p must be below that.
+The test, stated: of the ranks, for each parameter and the log-likelihood, the z-scores
+of their mean and of their mean square about the middle of the uniform law. LIMIT is the
+quantile of the normal law that one of these twelve exceeds with a probability of 1e-4
+for a sound chain, over the choice of the seed. For a mutant at least one exceeds it.
 Moves by themselves are held to their law by exact starts (moves/test_moves_law.py).
 """
 
@@ -14,9 +14,9 @@ from support.calibration import (
     BETA,
     QUANTITIES,
     auto_ranks,
-    mass_spring,
-    p_values,
+    bent,
     ranks,
+    scores,
     shorten_search,
     simulated,
 )
@@ -31,38 +31,41 @@ class WithoutProposalDensity(ef.IndependenceMove):
         return np.zeros(len(theta))
 
 
-def mixed(pilot, kind=ef.IndependenceMove):
-    return [(ef.DEMCMove(), 0.5), (kind.fit(pilot), 0.5)]
+def mixed(pilot):
+    return [(ef.DEMCMove(), 0.5), (ef.IndependenceMove.fit(pilot), 0.5)]
 
 
-LEVEL = 0.001 / len(QUANTITIES)
+LIMIT = stats.norm.isf(1e-4 / (2 * 2 * len(QUANTITIES)))
+
+
+def largest(found):
+    return np.abs(scores(found)).max()
 
 
 @pytest.mark.slow
 def test_the_truth_ranks_uniformly_among_the_draws():
     """The law of the whole chain of solver, likelihood, prior and moves."""
-    assert p_values(ranks(mixed, 64, seed=3)).min() > LEVEL
+    assert largest(ranks(mixed, 30, seed=3)) < LIMIT
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", ["no proposal density", "twice the noise"])
-def test_the_ranks_of_a_broken_chain_are_not_uniform(fault):
-    """The power of the law: a move that is no Metropolis move, a wrong likelihood."""
-    if fault == "twice the noise":
-        found = ranks(mixed, 48, seed=12, stated_beta=BETA / 4)
-    else:
-        found = ranks(lambda draws: mixed(draws, WithoutProposalDensity), 48, seed=11)
-    assert p_values(found).min() < LEVEL
+def test_the_ranks_by_a_wrong_likelihood_are_not_uniform():
+    """The power of the law: twice the noise."""
+    assert largest(ranks(mixed, 30, seed=12, stated_beta=BETA / 4)) > LIMIT
 
 
 @pytest.mark.slow
 def test_the_truth_ranks_uniformly_among_the_draws_of_auto(monkeypatch):
-    """The law for "auto", whose proposal is made anew for every data set."""
+    """The law for "auto", whose proposal is made anew for every data set.
+
+    Of a cheap model, and with no climbs in the tails, which only mend the proposal.
+    """
     shorten_search(monkeypatch)
-    assert p_values(auto_ranks(mass_spring, 40, 21)).min() > LEVEL
+    monkeypatch.setattr("emcee_femu.sampling.auto.TAIL_ROUNDS", 0)
+    assert largest(auto_ranks(bent, 60, 21)) < LIMIT
     name = "emcee_femu.sampling.record.IndependenceMove"
     monkeypatch.setattr(name, WithoutProposalDensity)
-    assert p_values(auto_ranks(mass_spring, 60, 31)).min() < LEVEL
+    assert largest(auto_ranks(bent, 90, 31)) > LIMIT
 
 
 @pytest.mark.parametrize("beta", [100.0, BETA])

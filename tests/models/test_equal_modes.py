@@ -123,8 +123,11 @@ def test_the_lowest_modes_are_all_found(name, n_modes):
 @pytest.mark.parametrize("n_modes", [4, 7, 20])
 @pytest.mark.parametrize("name", STRUCTURES)
 def test_the_lowest_modes_are_all_found_everywhere(name, n_modes):
-    """The law of complete modes: 210 solves of each structure, each beside LAPACK."""
-    assert wrong(name, n_modes, 70, seed=n_modes) == 0
+    """The law of complete modes: 105 solves of each structure, each beside LAPACK.
+
+    A fault at a tenth of them is missed with a probability of 2e-5.
+    """
+    assert wrong(name, n_modes, 35, seed=n_modes) == 0
 
 
 def test_a_scaled_stiffness_scales_all_frequencies():
@@ -140,8 +143,9 @@ def test_a_scaled_stiffness_scales_all_frequencies():
 
 
 @pytest.mark.parametrize("gap", [0, 1e-12, 1e-8, 1e-4])
-@pytest.mark.parametrize("copies", [2, 3, 4, 6, 11])
+@pytest.mark.parametrize("copies", [2, 3, 4, 9, 14])
 def test_modes_that_nearly_coincide_are_all_found(copies, gap):
+    """Nine are more than the start vectors that find most of what else is here."""
     rng = np.random.default_rng(copies)
     squares = np.arange(1.0, 101.0) ** 2
     squares[4 : 4 + copies] = squares[4] * (1 + gap * np.arange(copies))

@@ -135,11 +135,6 @@ def test_no_data_is_what_tables_and_the_emulator_say(cut, tmp_path):
         ef.emulate(of(gaussian, BOX), 20, seed=1)
 
 
-def test_find_map_climbs_to_the_centre():
-    found = ef.find_map(of(gaussian, BOX), seed=1)
-    np.testing.assert_allclose(found.maxima[0].theta, CENTRE, atol=0.01)
-
-
 def sometimes_nan(x):
     return np.nan if x[0] > 0 else gaussian(x)
 

@@ -101,6 +101,11 @@ def test_all_that_is_known_of_a_run_is_in_its_report_and_nothing_is_elsewhere(
     inside = page.count('src="data:image/png;base64,')
     assert inside == page.count("<img") == page.count("src=") == 5
     assert "Mode shapes" in headings(page)
+    # Of a normal prior the mean and the interval are known.
+    cells = said(page).partition("Parameters before the test")[2]
+    cells = cells.partition("k1 N/m ")[2].split()
+    expected = stats.norm(12, 3).ppf([0.025, 0.975])
+    assert_allclose([float(x) for x in cells[1:3]], expected, rtol=0.03)
 
 
 def test_a_run_without_pairing_has_no_mode_shapes_and_its_call_repeats_the_report(
@@ -166,14 +171,6 @@ def test_words_and_quantities_that_cannot_be_shown_are_refused(
 ):
     with pytest.raises(error, match=named):
         ef.report(plain, tmp_path / "report.html", **options)
-
-
-def test_priors_are_told_by_their_mean_and_interval(run, tmp_path):
-    """Of a normal prior they are known."""
-    text = said(write(tmp_path, run)).partition("Parameters before the test")[2]
-    cells = text.partition("k1 N/m ")[2].split()
-    expected = stats.norm(12, 3).ppf([0.025, 0.975])
-    assert_allclose([float(x) for x in cells[1:3]], expected, rtol=0.03)
 
 
 def test_samples_say_what_they_do_not_know(plain, tmp_path):

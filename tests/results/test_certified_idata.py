@@ -30,7 +30,7 @@ def stored_and_read(idata, path):
 
 
 def test_tables_show_the_weighted_draws_and_say_so(tmp_path):
-    idata, found = certificate([1.015, 2.03], 300)
+    idata, found = certificate([1.01, 2.02], 300)
     assert found.short == "corrected", found.verdict
     exact = found.weights @ found.theta / len(found.theta)
     true = TRUE(found.theta)[:, TRUE.columns["frequency"]]

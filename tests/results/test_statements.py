@@ -333,12 +333,13 @@ def contradicted(**shape_error):
 @pytest.mark.slow
 def test_a_term_that_is_outvoted_is_named_with_the_cure():
     """Fault 26: many ordinates, whose error is inferred, against few frequencies."""
-    run = doubts(contradicted(discrepancy="shape error"), steps=100)[0]
-    fit = ef.diagnose(run).fit
+    options = {**DEMC, "nwalkers": 16, "steps": 300}
+    run = doubts(contradicted(discrepancy="shape error"), **options)[0]
+    fit = ef.diagnose(run, 100).fit
     assert fit.status == "does not fit"
     assert re.search("60 .*'shape'.* 2 .*'frequency'.*sd=", fit.sentence)
-    fixed = doubts(contradicted(delta=0.2), steps=100)[0]
-    assert ef.diagnose(fixed).fit.status == "fits"
+    fixed = doubts(contradicted(delta=0.2), **options)[0]
+    assert ef.diagnose(fixed, 100).fit.status == "fits"
 
 
 def test_parameters_that_follow_other_units_leave_the_fit_in_doubt(tmp_path):

@@ -371,7 +371,7 @@ if __name__ == "__main__":
     ("mine", "kind", "expected"),
     [
         ("workers", KILL, ""),
-        ("executor", signal.SIGTERM, ""),
+        pytest.param("executor", signal.SIGTERM, "", marks=SLOW),
         pytest.param("workers", signal.SIGINT, "kept True\n", marks=posix),
     ],
 )

@@ -107,8 +107,6 @@ OUTSIDE[3, 2] = 9999.0
     [
         ({"nwalkers": 8}, RuntimeError, "2 \\* ndim"),
         ({"seed": np.random.default_rng(1)}, TypeError, "seed"),
-        ({"moves": ef.DEMCMove(sigma=[1.0, 2.0])}, ValueError, "sigma"),
-        ({"moves": [(ef.MetropolisMove(sd=[1.0]), 1.0)]}, ValueError, "sd"),
         ({"starts": OUTSIDE}, ValueError, "k4 = 9999 of point 3"),
         ({"starts": OUTSIDE, "ensembles": 2}, ValueError, "starts"),
         ({"backend": [emcee.backends.Backend()] * 2}, ValueError, "backend"),

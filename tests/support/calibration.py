@@ -20,18 +20,17 @@ Modrak et al. (2023), arXiv:2211.02383, on the log-likelihood as a test quantity
 """
 
 import numpy as np
-from scipy import stats
 
 import emcee_femu as ef
 
 WALKERS, PILOT, APART = 32, 120, 50
-DRAWS = WALKERS - 1  # ranks 0 .. 31 fall evenly into the bins
-BINS = 8
+DRAWS = WALKERS - 1
 PROBLEM = ef.paper.mass_spring()
 PRIOR = PROBLEM.posterior.prior
 BETA = PROBLEM.posterior.terms[0].beta[0]
 QUANTITIES = (*PRIOR.names, "log-likelihood")
 AUTO_WALKERS, SNAPSHOTS, AUTO_APART = 16, 2, 10  # about four autocorrelation times
+BENT = ef.GaussianPrior([f"x{i}" for i in range(5)], np.zeros(5), 1.0, [(-6, 6)] * 5)
 
 
 def shorten_search(monkeypatch):
@@ -64,6 +63,29 @@ def mass_spring(rng, stated_beta=BETA):
     measured = simulated(modes.frequencies[0], BETA, rng)
     term = ef.FrequencyTerm(measured, beta=stated_beta)
     return ef.LogPosterior(PROBLEM.model, term, PRIOR), truth
+
+
+class Bent:
+    """A response of five parameters, each bent by the one before it."""
+
+    names, variables = BENT.names, {"y": ef.Variable({"i": range(5)})}
+
+    def __call__(self, parameters):
+        """Return it."""
+        x = np.stack([*parameters.values()], axis=1)
+        return {"y": x + 0.3 * np.roll(x, 1, axis=1) ** 2}
+
+
+def bent(rng):
+    """Return the posterior of a cheap model and simulated data, and the truth."""
+    truth, sd = BENT.sample(rng, 1), 0.5
+    y = Bent()(dict(zip(BENT.names, truth.T, strict=True)))["y"]
+    measured = y + sd * rng.standard_normal(5)
+
+    def term(parameters, response):
+        return -0.5 * (((response["y"] - measured) / sd) ** 2).sum(axis=1)
+
+    return ef.LogPosterior(Bent(), term, BENT), truth
 
 
 def rank(run, posterior, truth):
@@ -128,9 +150,14 @@ def ranks(moves, datasets, seed=0, stated_beta=BETA):
     return np.array(result)
 
 
-def p_values(found, bins=BINS):
-    """Return the chi-square test's p of a uniform rank, one a column of ``(n, k)``."""
-    counts = [
-        np.histogram(column, bins, (0, DRAWS + 1))[0] for column in np.transpose(found)
-    ]
-    return stats.chisquare(counts, axis=1).pvalue
+def scores(found):
+    """Return the z-scores of ranks ``(n, k)``, ``(2, k)``: of place and of width.
+
+    Those of the mean and of the mean square of what is left of uniform ranks when
+    their centre is taken away.
+    """
+    powers = np.array([[[1]], [[2]]])
+    exact = (np.arange(DRAWS + 1) - DRAWS / 2)[:, None] ** powers
+    means = ((found - DRAWS / 2) ** powers).mean(axis=1)
+    error = exact.std(axis=1) / np.sqrt(len(found))
+    return (means - exact.mean(axis=1)) / error

@@ -5,11 +5,10 @@ import inspect
 import numpy as np
 
 import emcee_femu as ef
+from support import few_solves
+from support.few_solves import DATA, PRIOR, SD
 from support.runs import failures
 
-DESIGN = np.array([[1.0, 0.4], [-0.3, 1.0], [0.5, 0.5]])
-DATA, SD = np.array([0.6, -0.2, 0.3]), 0.1
-PRIOR = ef.GaussianPrior(["a", "b"], [0.0, 0.0], 1.0, [(-4.0, 4.0)] * 2)
 ALONE = ef.GaussianPrior(["a"], [0.0], 1.0, [(-4.0, 4.0)])
 LINE = np.linspace(-1.0, 1.0, 5)[:, None]
 # What the model does, and how often it was called; it is no part of it.
@@ -24,30 +23,20 @@ def bent(p):
         raise KeyboardInterrupt
     if p["a"] > 1.5:
         raise ArithmeticError("no equilibrium")
-    waves = 0.3 * np.sin(2.0 * p["a"]) * np.array([1.0, 0.5, -1.0])
-    return DESIGN @ [p["a"], p.get("b", 0.2)] + waves + COUNT["offset"]
+    return few_solves.bent([p["a"], p.get("b", 0.2)]) + COUNT["offset"]
 
 
 VARIABLES = {"y": ef.Variable({"point": range(3)})}
 
 
-class Gaussian:
-    """Independent errors of a vector, of which it keeps the measured values."""
+class Gaussian(few_solves.Gaussian):
+    """It keeps the measured values."""
 
     name = "strain"
 
     def __init__(self, data=DATA, sd=SD):
-        self.data, self.sd = np.asarray(data), sd
+        super().__init__(np.asarray(data), sd)
         self.observed = {"y": self.data}
-        self.reads = {"y": ef.Variable({"point": range(len(data))})}
-
-    def deviations(self, parameters, response):
-        r = response["y"] - self.data
-        return r, np.full_like(r, self.sd)
-
-    def __call__(self, parameters, response):
-        r, sd = self.deviations(parameters, response)
-        return -0.5 * ((r / sd) ** 2).sum(axis=1)
 
 
 def posed(term=None, prior=PRIOR, model=None):

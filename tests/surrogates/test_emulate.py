@@ -80,7 +80,7 @@ def bent_slopes(x):
 # --- what it finds ----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("derivatives", [False, True])
+@pytest.mark.parametrize("derivatives", [pytest.param(False, marks=SLOW), True])
 def test_a_conjugate_posterior_is_known_exactly_after_two_batches(derivatives):
     posterior = sloped(linear, lambda x: DESIGN) if derivatives else posed(linear)
     emulated = ef.emulate(posterior, 60, seed=1)
@@ -280,7 +280,7 @@ def test_frequencies_that_are_powers_of_parameters_are_exact_after_a_design():
     assert "logarithms of E, L" in unwrapped(emulated)
 
 
-@pytest.mark.parametrize("function", [np.log, np.array])
+@pytest.mark.parametrize("function", [np.log, pytest.param(np.array, marks=SLOW)])
 def test_logarithms_are_taken_where_they_leave_smaller_errors(function):
     """Of values and derivatives."""
     logs = function is np.log

@@ -202,7 +202,7 @@ def test_spread_is_the_scatter_of_sampled_outputs(own_lengths):
     # Second route: draw the outputs, decode each draw. Few points: much uncertainty.
     model, far = emulate("frequency", "shapes", n=4), 2.0 * X
     model = by_own_lengths(model) if own_lengths else model
-    points, draws, values = model.coordinates(far * SCALE), 2_000, []
+    points, draws, values = model.coordinates(far * SCALE), 1_000, []
     rng = np.random.default_rng(0)
     for processes in model.processes:
         q = len(processes.covariance)
