@@ -66,3 +66,21 @@ def test_the_standard_deviations_of_converged_runs_are_not_too_small():
     claimed = np.array([d.sd_error[2] for _, d in good])
     assert sds.mean() > 0.98 * exact
     assert np.sqrt(np.mean(((sds / exact - 1) / claimed) ** 2)) < 1.6
+
+
+@pytest.mark.slow
+def test_claimed_errors_know_the_tail_that_a_short_chain_did_not_visit():
+    """Law: errors of sds are as claimed; by the chain's own kurtosis they are 2.5."""
+    rng, n = np.random.default_rng(5), 1_000_000
+    t = np.where(
+        rng.random(n) < SHARE, -3 - rng.exponential(LENGTH, n), rng.normal(size=n)
+    )
+    mean, sd = place(t[t > -25])
+    across = mean + sd * rng.normal(size=mean.shape)
+    exact = np.append(t[t > -25].std(), across.std(axis=0))
+    z = []
+    for seed in range(8):
+        run = ef.run(POSTERIOR, steps=60, seed=seed)
+        sds = np.std([sampler.get_chain() for sampler in run], axis=(0, 1, 2))
+        z.append((sds / exact - 1) / ef.diagnose(run).sd_error)
+    assert (np.sqrt(np.mean(np.square(z), axis=0)) < 1.5).all()
