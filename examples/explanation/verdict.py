@@ -142,8 +142,9 @@ figure
 # ## Search: what no diagnosis sees
 #
 # No diagnosis sees what neither a search nor a walker has visited. The search of
-# `"auto"` evaluates 2,000 points; with `steps=`, a fifth as many as the chain has
-# evaluations, at least 1,000. Half of them are draws of the prior, half are about the
+# `"auto"` evaluates 2,000 points (of a bare log-likelihood 10,000); with `steps=`, a
+# fifth as many as the chain has evaluations, at least 1,000 (of a bare log-likelihood as
+# many as the chain, up to 10,000). Half of them are draws of the prior, half about the
 # modes found. It may miss a mode if the region from which a climb would lead there is
 # too small. This is so if the region holds less than about 3 / points both of the prior
 # and of the surroundings of the found modes. (Where 3 hits are expected, the chance of
