@@ -79,7 +79,7 @@ print(f"efficiency {search.efficiency:.2f}, Pareto k {search.pareto_k:.2f}")
 #
 # The mixture (and the surface, if there is one) is frozen, so the chain is an ordinary
 # Markov chain. It has 90 % independence proposals from the mixture, or 60 or 20 % if
-# fewer than 0.2 or 0.05 of them would be accepted. The rest is
+# fewer than 0.2 or 0.05 of them would be accepted; 80 % with a surface. The rest is
 # `DEMCMove(mode_jump=0.1)`. If fewer than 0.2 would be accepted and the model has
 # `jacobian`, it has 80 % [Hamiltonian moves](../how_to/hamiltonian.py) instead, and 10
 # % independence proposals if there are several separated modes.
