@@ -12,12 +12,9 @@ reason. For your own program copy `finished_job`, change `COMMAND`, and replace
   waiting for its output waits for the solver.
 * Exit status 0 does not mean that there is a result. So the reader checks that the
   result is one complete table whose columns fit each other.
-* An error due to the parameters (no convergence, a time-out, a damaged result) is an
-  exception, which `on_failure="reject"` turns into a rejection. An error of the
-  machine says nothing about the parameters. The driver waits for a licence. If none
-  becomes free, or if the disk is full or the program is missing, `Unavailable` stops
-  the run in any case. All solves are in the file of the run, which continues from
-  there.
+* An error due to the parameters is an exception. An error of the machine says nothing
+  about the parameters: `Unavailable` stops the run in any case. The page "Handle solves
+  that fail" (examples/how_to/failing_solves.py) has both.
 
 CalculiX is free software and needs no licence: apt install calculix-ccx
 

@@ -93,7 +93,4 @@ if __name__ == "__main__":
     parser.add_argument("--scheduler", help="address, such as tcp://node1:8786")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--mpi", action="store_true", help="under mpiexec or srun")
-    parser.add_argument("--steps", type=int, default=100)
-    parser.add_argument("--seconds", type=float, default=0.05, help="of one solve")
-    parser.add_argument("--seed", type=int, default=1)
     main(**vars(parser.parse_args()))

@@ -6,7 +6,6 @@ of the sensors, beside the six frequencies before and after updating.
 Run it:  python examples/front_picture.py  (20 s; writes .github/images/front.png)
 """
 
-import argparse
 import runpy
 from pathlib import Path
 
@@ -71,6 +70,4 @@ def main(output=ROOT / ".github" / "images" / "front.png"):
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.parse_args()
     main()

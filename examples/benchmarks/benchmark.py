@@ -119,7 +119,7 @@ if importlib.util.find_spec("dime_sampler"):
 
 
 def main(
-    steps: int = 2_000, targets: tuple[str, ...] = ("fe5", "g20", "bim5"), seed: int = 1
+    steps: int = 2_000, targets: tuple[str, ...] = ("fe5", "g20", "bim5")
 ) -> dict[str, Comparison]:
     """Print a table a target, and the share of the draws with x1 < 0; return them."""
     walkers = {fe5: 32, g20: 64, bim5: 32}
@@ -130,7 +130,7 @@ def main(
             exact = zip(target.mean, target.sd, strict=True)
             reference = dict(zip(target.posterior.names, exact, strict=True))
             found = compared[target.name] = ef.compare_moves(
-                target.posterior, MOVES, nwalkers, steps, seed=seed, reference=reference
+                target.posterior, MOVES, nwalkers, steps, seed=1, reference=reference
             )
             print(f"{target.name}, {nwalkers} walkers, {steps} steps", found, sep="\n")
             for label, idata in found.idata.items():

@@ -24,6 +24,8 @@ from commands import command, tabulate
 import emcee_femu as ef
 from emcee_femu.table import Table
 
+MEAN, COV = 60.0, 0.3  # of the seconds of a solve
+DISPATCH = 1e-3  # s to hand out a job
 JOBS = 40_000  # simulated, for every number of the tables
 SIZES = 1, 2, 8, 32, 128, 512, 1_000  # workers
 PER_WORKER = 2, 4, 8, 16  # walkers
@@ -79,29 +81,15 @@ def time_runs(workers: int, solve: float, steps: int = 20) -> tuple[float, ...]:
     return workers, alone, together, alone / together, busy
 
 
-def main(
-    mean: float = 60.0,
-    cov: float = 0.3,
-    dispatch: float = 1e-3,
-    most: int = 1_000,
-    solve: float = 0.05,
-) -> list[Table]:
-    """Print and return the tables: equal times, the given scatter, a large one.
-
-    Args:
-        mean: Seconds of a solve.
-        cov: Coefficient of variation of these seconds.
-        dispatch: Seconds to hand out one job.
-        most: Workers, at most.
-        solve: Seconds of a solve where it is slept.
-    """
+def main(most: int = 1_000, solve: float = 0.05) -> list[Table]:
+    """Print and return the tables for ``most`` workers; a measured solve is a sleep."""
     tables = []
-    for scatter in (0.0, cov, 1.0):
-        title = f"Simulated: efficiency in %; solves of {mean:g} s, c.o.v. {scatter:g}"
+    for scatter in (0.0, COV, 1.0):
+        title = f"Simulated: efficiency in %; solves of {MEAN:g} s, c.o.v. {scatter:g}"
         rows = []
         for size in (size for size in SIZES if size <= most):
             jobs = [k * size // 2 for k in PER_WORKER]
-            shares = [efficiency(size, n, scatter, dispatch / mean) for n in jobs]
+            shares = [efficiency(size, n, scatter, DISPATCH / MEAN) for n in jobs]
             rows.append((size, *(100 * share for share in shares)))
         tables.append(tabulate(title, SIMULATED, rows))
     title = f"Measured: 4 x 16 walkers, 20 steps, solves of {1e3 * solve:g} ms"

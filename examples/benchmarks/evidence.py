@@ -25,6 +25,7 @@ from emcee_femu.table import Table
 
 Floats = np.ndarray
 BETAS = np.linspace(1, 0, 12) ** 4
+MEMBERS = 1_000  # of a population
 
 
 class Problem(NamedTuple):
@@ -129,7 +130,7 @@ PROBLEMS: dict[str, Callable[[], Problem]] = {
 }
 
 
-def temper(problem: Problem, seed: int, size: int) -> tuple[Any, int]:
+def temper(problem: Problem, seed: int) -> tuple[Any, int]:
     """Return the evidence of a tempered run."""
     move = ef.moves.TemperedMove(ef.DEMCMove(mode_jump=0.1), BETAS)
     run = ef.run(problem.posterior, move, steps=problem.steps, ensembles=1, seed=seed)
@@ -137,25 +138,25 @@ def temper(problem: Problem, seed: int, size: int) -> tuple[Any, int]:
     return evidence, run[0].nwalkers * problem.steps
 
 
-def automatic(problem: Problem, seed: int, size: int) -> tuple[Any, int]:
+def automatic(problem: Problem, seed: int) -> tuple[Any, int]:
     """Return the evidence of a run of "auto"."""
     run = ef.run(problem.posterior, "auto", steps=400, ensembles=2, seed=seed)
     return ef.log_evidence(run), run.evaluations + 2 * 400 * run[0].nwalkers
 
 
-def anneal(problem: Problem, seed: int, size: int) -> tuple[Any, int]:
+def anneal(problem: Problem, seed: int) -> tuple[Any, int]:
     """Return the evidence of an annealed population."""
-    population = ef.anneal(problem.posterior, size, seed=seed)
+    population = ef.anneal(problem.posterior, MEMBERS, seed=seed)
     return ef.log_evidence(population), population.solves
 
 
 METHODS = {"tempered": temper, "auto": automatic, "anneal": anneal}
 
 
-def estimate(name: str, method: str, seed: int, size: int) -> tuple[float, ...]:
+def estimate(name: str, method: str, seed: int) -> tuple[float, ...]:
     """Return error, claimed standard error and evaluations of one seed."""
     problem = PROBLEMS[name]()
-    found, evaluations = METHODS[method](problem, seed, size)
+    found, evaluations = METHODS[method](problem, seed)
     return found.log_evidence - problem.exact, found.log_evidence_error, evaluations
 
 
@@ -183,16 +184,13 @@ def summarize(name: str, method: str, results: Floats) -> tuple[object, ...]:
 
 def main(
     seeds: int = 20,
-    first: int = 1,
-    size: int = 1_000,
     problem: tuple[str, ...] = tuple(PROBLEMS),
     method: tuple[str, ...] = tuple(METHODS),
 ) -> Table:
-    """Print and return the table; ``size`` is that of a population."""
-    numbers = range(first, first + seeds)
+    """Print and return the table."""
 
     def row(name: str, method: str) -> tuple[object, ...]:
-        found = [estimate(name, method, seed, size) for seed in numbers]
+        found = [estimate(name, method, seed) for seed in range(1, 1 + seeds)]
         return summarize(name, method, np.array(found))
 
     rows = itertools.starmap(row, itertools.product(problem, method))

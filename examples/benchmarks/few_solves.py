@@ -1,17 +1,6 @@
 """How many solves ``emulate`` needs for a posterior, and how accurate it then is.
 
 Every model stands for an FE program: it gives a response, with derivatives or without.
-The problems are
-
-    beck_au      2 parameters, 2 frequencies; two modes
-    mass_spring  5 parameters, 5 frequencies of the paper's springs; a lobe at small k4
-    h_structure  6 parameters, 5 of 7 frequencies of the paper's H structure, whose
-                 modes cross inside the bounds; shapes are not measured, but known
-    h_sharp      the same with errors ten times smaller
-    shear        10 storeys, 5 frequencies and 25 shape ordinates, paired
-    tower        16 stiffnesses of 8 storeys in two directions, whose modes come in
-                 close pairs; 4 frequencies and 32 shape ordinates, paired
-
 ``emulate`` gets as many solves as the bar allows, and "auto" samples the emulated
 posterior. Both posteriors are compared by the same weighted draws of a mixture fitted
 to their chains, so that chance hardly affects the difference. The bar: means within .05
@@ -111,16 +100,17 @@ def beck_au(learned: Any) -> Problem:
 
 
 def mass_spring(learned: Any) -> Problem:
-    """Return the paper's five masses and ten springs."""
+    """Return the paper's five masses and ten springs; there is a lobe at small k4."""
     posterior = ef.paper.mass_spring().posterior.with_models(learned)
     return Problem(posterior, (45, 15), lambda x: x[:, 2] < 1980)
 
 
 def h_structure(learned: Any, beta: float = 500.0) -> Problem:
-    """Return the paper's H structure; its seven lowest modes are a closed set.
+    """Return the paper's H structure, whose modes cross; the lowest seven are closed.
 
-    The paper compares five of them. The next two cross modes above them: returned
-    without those they would only hurt (examples/how_to/emulated_crossing_modes.py).
+    Shapes are known, but not measured. The paper compares five modes. The next two
+    cross modes above them: returned without those they would only hurt
+    (examples/how_to/emulated_crossing_modes.py).
     """
     given = ef.paper.h_structure(beta)
     rows = [f"{node}:u{axis}" for node in range(13) for axis in "xyz"]
@@ -143,7 +133,7 @@ def shear(learned: Any) -> Problem:
 
 
 def tower(learned: Any) -> Problem:
-    """Return a tower whose two directions have nearly the same stiffness."""
+    """Return a tower whose two directions are nearly alike: modes in close pairs."""
     names = [f"{axis}{i}" for axis in "xy" for i in range(1, HEIGHT + 1)]
     along = [np.outer(b, b) for b in np.eye(HEIGHT) - np.eye(HEIGHT, k=-1)]
     K = {
@@ -176,7 +166,7 @@ PROBLEMS: dict[str, Callable[..., Problem]] = {
     "beck_au": beck_au,
     "mass_spring": mass_spring,
     "h_structure": h_structure,
-    "h_sharp": functools.partial(h_structure, beta=5e4),
+    "h_sharp": functools.partial(h_structure, beta=5e4),  # errors ten times smaller
     "shear": shear,
     "tower": tower,
 }

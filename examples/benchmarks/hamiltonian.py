@@ -26,6 +26,7 @@ from emcee_femu.table import Table
 
 MODES, MASS = 12, 1e5  # kg
 SAMPLES = 24  # on which the steps are tried out
+WALKERS = 16  # of the Hamiltonian move
 
 
 def simulate(storeys: int, seed: int) -> ef.LogPosterior:
@@ -50,7 +51,7 @@ def efficiency(
     return 1000 * ef.diagnose(run, discard=kept // 4).ess_bulk.min() / (kept * cost)
 
 
-def compare(d: int, building: int, solves: int, walkers: int) -> tuple[object, ...]:
+def compare(d: int, building: int, solves: int) -> tuple[object, ...]:
     """Return a row of the table."""
     posterior = simulate(d, building)
     start = posterior.prior.mean[None]
@@ -59,7 +60,7 @@ def compare(d: int, building: int, solves: int, walkers: int) -> tuple[object, .
     metric = laplace.maxima[0].covariance
     hmc = ef.moves.HamiltonianMove.tuned(posterior, draws[:SAMPLES], metric, seed=1)
     moves = (
-        (hmc, draws[-walkers:], solves),
+        (hmc, draws[-WALKERS:], solves),
         (ef.DEMCMove(), draws[-3 * d :], 4 * solves),  # more, to be stable
     )
     ess = [efficiency(posterior, *each, seed=building) for each in moves]
@@ -76,11 +77,10 @@ def main(
     storeys: tuple[int, ...] = (20, 30, 50),
     solves: int = 20_000,
     buildings: int = 3,
-    walkers: int = 16,
 ) -> Table:
     """Print and return a table with a row per building."""
     cases = itertools.product(storeys, range(1, buildings + 1))
-    rows = (compare(*case, solves, walkers) for case in cases)
+    rows = (compare(*case, solves) for case in cases)
     return tabulate("ESS per 1000 solves", COLUMNS, rows)
 
 

@@ -85,9 +85,8 @@ certificate
 #
 # [`examples/calculix_program.py`](https://github.com/emcee-femu/emcee_femu/blob/main/examples/calculix_program.py)
 # is that function, to copy, with CalculiX as the program ({doc}`calculix`). It also
-# waits for licences, tells failures of the machine from those of the parameters
-# ({doc}`failing_solves`), and ends all that a start script has started: killing the
-# script alone leaves its solver alive.
+# ends all that a start script has started, waits for licences, and tells failures of
+# the machine from those of the parameters ({doc}`failing_solves`).
 #
 # - **Time limit.** Take ten times the longest usual solve, on a machine that is as busy as
 #   it will be.

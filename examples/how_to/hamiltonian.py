@@ -67,15 +67,9 @@ diagnosis
 # {py:func}`~emcee_femu.compare_moves` counts them in the same way. [Moves
 # measured](../explanation/moves_measured.md) has buildings of 20, 30 and 50 storeys.
 #
-# ## Good to know
-#
-# - Each trajectory draws its own step size, within 20 %, to avoid resonances. A tenth
-#   of them take smaller steps, which free walkers from the far tails.
-# - A trajectory that leaves the bounds, or meets a failed solve, is rejected there, and
-#   costs no more solves.
-# - The move does not cross between modes: mix it with one that does.
-# - `"auto"` uses Hamiltonian moves by itself if fewer than a fifth of its proposals
-#   would be accepted and the models have `jacobian`.
+# The move does not cross between modes: mix it with one that does. `"auto"` uses
+# Hamiltonian moves by itself if fewer than a fifth of its proposals would be accepted
+# and the models have `jacobian`.
 
 # %% tags=["remove-cell"]
 assert diagnosis.rhat_between.max() < 1.05

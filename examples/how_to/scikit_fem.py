@@ -122,10 +122,6 @@ if __name__ == "__main__":
     doubled = {name: {2.0: assemble(basis, {**ones, name: 2.0})} for name in names}
     base = assemble(basis, ones)
     print(base)
-    tip = basis.mesh.nodes_satisfying(lambda x: np.isclose(x[0], LENGTH))
-    print(
-        "vertices of the free edge:", tip, "rows:", base.dofs([f"{n}:u" for n in tip])
-    )
     model = ef.MatrixModel.from_differences(base, doubled, n_modes=N_MODES)
     exact = frequencies(basis, TRUTH)
     found = model({name: np.array([x]) for name, x in TRUTH.items()}).frequencies[0]

@@ -3,9 +3,9 @@
 #
 # A run of days meets power cuts, time limits of a queue, full disks and solves that do
 # not converge. This page keeps a run in a file, kills it and continues it, and shows
-# what happens if the model has changed. It also covers failed solves, several processes
-# and the job script of a cluster. `python examples/tutorials/long_runs.py` runs this
-# page (12 s of processor time). The measured frequencies are made up.
+# what happens if the model has changed. It also has the job script of a cluster.
+# `python examples/tutorials/long_runs.py` runs this page (12 s of processor time). The
+# measured frequencies are made up.
 #
 # ## A run in a file
 #
@@ -73,8 +73,6 @@ start = {
     "cwd": home,
     "env": os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, search))},
 }
-
-
 space = {"__name__": "job"}
 exec(JOB, space)  # model and posterior of the script; it does not run
 posterior = space["posterior"]
@@ -108,10 +106,8 @@ print(done.stdout)
 (whole,) = ef.run(
     posterior(), nwalkers=12, steps=300, seed=1, moves=ef.DEMCMove(), ensembles=1
 )
-resumed = (
-    ef.to_inference_data(file, posterior()).posterior["k1"].values
-)  # (walkers, steps)
-same = np.array_equal(resumed, whole.get_chain()[..., 0].T)
+resumed = ef.to_inference_data(file, posterior()).posterior
+same = np.array_equal(resumed["k1"], whole.get_chain()[..., 0].T)  # (walkers, steps)
 print("identical to a run that was never stopped:", same)
 
 # %% [markdown]
@@ -169,16 +165,12 @@ for solves in (10_000, 200_000):
     print(f"{run.solves:,} solves, ended by {run.stopped}: {verdict.short}")
 
 # %% [markdown]
-# ## Failures, processes
-#
-# A solve that fails stops the run and names the parameters, and nothing is lost;
-# {doc}`/how_to/failing_solves` says when `on_failure="reject"` is right. `workers=4`
-# starts four processes and ends them with the run, whose chain is that of a serial run;
-# {doc}`/how_to/clusters` has pools for other machines.
+# A solve that fails stops the run, too, and nothing is lost; {doc}`/how_to/failing_solves`
+# says when `on_failure="reject"` is right.
 #
 # ## A job script
 #
-# For one node of a Slurm cluster:
+# For one node of a Slurm cluster; {doc}`/how_to/clusters` has pools for several:
 #
 #  ```bash
 #  #!/bin/bash
@@ -189,7 +181,8 @@ for solves in (10_000, 200_000):
 #  python job.py
 #  ```
 #
-# In `job.py`, use `workers=16`; the linear algebra of each worker has one thread.
+# In `job.py`, use `workers=16`, whose chain is that of a serial run; the linear algebra
+# of each worker has one thread.
 # Submit the script three times: `--dependency=singleton` runs jobs of the same name one
 # after another. Each continues where the last one was stopped, and those that find
 # nothing left to do end at once.

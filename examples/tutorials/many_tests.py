@@ -157,10 +157,7 @@ pooled.population
 # of a few hundred per test at least; `draws=4_000` uses more of them. `pytest -m slow
 # tests/population/test_truth.py` compares it with quadrature.
 #
-# Every test has a Pareto k of the weights from its own posterior to that given all.
-# Above 0.7, with fewer than 100 effective draws, the test hardly reaches to where the
-# population puts it, and the conclusion says so. `pool_tests(...,
-# posteriors={"day7": posterior})` samples it again under the population.
+# The conclusion names every test that hardly reaches to where the population puts it.
 
 # %% tags=["remove-cell"]
 truth = {

@@ -179,26 +179,15 @@ ef.figures.plot_predictive(results[inferred][1], results[inferred][0])
 #
 # If nobody knows the scatter of the test, leave it out. The same argument then infers
 # one relative standard deviation for all modes, by the formula of
-# {doc}`/explanation/likelihoods` without R. Here the model is exact, and the noise of
-# the simulated test is 0.5 %. Its prior is uniform from 0.1 to 5 %:
-
-# %%
-noisy = exact * (1 + 0.005 * np.random.default_rng(2).normal(size=5))
-term = ef.FrequencyTerm(noisy, discrepancy="noise")
-priors = {**factors, "noise": (0.001, 0.05)}
-unknown = ef.LogPosterior(model, term, ef.IndependentPrior(priors))
-unknown_table = ef.parameter_table(ef.run(unknown, seed=1))
-unknown_table
-
-# %% [markdown]
-# Five frequencies say little about its size: see the interval. The name is yours. The
-# inferred error is noise and model error together, since one test cannot separate them.
-# Only repeats determine the noise alone: give it as `relative_sd`, and `discrepancy`
-# then infers the model's error on top.
+# {doc}`/explanation/likelihoods` without R:
+# `FrequencyTerm(measured, discrepancy="noise")`. The name is yours. The inferred error
+# is noise and model error together, since one test cannot separate them. Only repeats
+# determine the noise alone: give it as `relative_sd`, and `discrepancy` then infers the
+# model's error on top.
 #
-# The prior of the noise needs a lower bound above zero. With as many parameters as
-# frequencies, or more, the model can fit all of them exactly, and the likelihood grows
-# without bound as the noise goes to zero.
+# The prior of the noise needs a lower bound above zero, such as `(0.001, 0.05)`. With as
+# many parameters as frequencies, or more, the model can fit all of them exactly, and the
+# likelihood grows without bound as the noise goes to zero.
 
 # %% tags=["remove-cell"]
 assert 0.6 < 100 * errors.std(axis=0).mean() < 1.4
@@ -215,5 +204,3 @@ outside = ef.predictive_table(*results[ignored][::-1]).column("inside")
 assert outside.count("no") == 2
 predicted = ef.predictive_table(*results[inferred][::-1]).column("inside")
 assert set(predicted) == {"yes"}
-noise = dict(zip(unknown_table.columns, unknown_table.rows[-1], strict=True))
-assert noise["parameter"] == "noise" and noise["2.5 %"] < 0.005 < noise["97.5 %"]
