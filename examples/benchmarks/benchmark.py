@@ -13,7 +13,7 @@ Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/benchmark.py
 
 import importlib.util
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import emcee
 import numpy as np
@@ -26,29 +26,25 @@ from emcee_femu.moves.mixture import Mixture
 Floats = np.ndarray
 
 
-@dataclass(frozen=True)
-class Target:
+class Target(NamedTuple):
     """A log-density with its exact moments; the prior only spreads the starts."""
 
-    name: str
     posterior: ef.LogPosterior
     mean: Floats
     sd: Floats
 
 
-def free_target(
-    name: str, log_density: Callable[[Floats], Floats], spread: Floats, mean: Floats,
-    sd: Floats,
-) -> Target:  # fmt: skip
-    """Return a target of given density, with Gaussian starts of given spread."""
+def spread_out(
+    log_density: Callable[[Floats], Floats], spread: Floats
+) -> ef.LogPosterior:
+    """Return a given density, with Gaussian starts of given spread."""
     names = [f"x{i}" for i in range(len(spread))]
     prior = ef.GaussianPrior(names, np.zeros(len(spread)), spread)
 
     def density(x: Floats) -> Floats:
         return log_density(x) - prior.logpdf(x)  # so that the prior cancels
 
-    posterior = ef.LogPosterior.from_function(density, prior, vectorize=True)
-    return Target(name, posterior, mean, sd)
+    return ef.LogPosterior.from_function(density, prior, vectorize=True)
 
 
 def fe5() -> Target:
@@ -77,20 +73,18 @@ def fe5() -> Target:
     weights = np.exp(logs - logs.max())
     mean = np.average(draws, axis=0, weights=weights)
     sd = np.sqrt(np.average((draws - mean) ** 2, axis=0, weights=weights))
-    return Target("fe5", posterior, mean, sd)
+    return Target(posterior, mean, sd)
 
 
 def g20() -> Target:
     """Return the 20-dimensional Gaussian."""
     sd = np.geomspace(0.1, 10, 20)
     precision = np.linalg.inv(0.05 * np.eye(20) + 0.95) / np.outer(sd, sd)
-    return free_target(
-        "g20",
-        lambda x: -0.5 * np.einsum("ni,ni->n", x @ precision, x),
-        3 * sd,
-        np.zeros(20),
-        sd,
-    )
+
+    def log_density(x: Floats) -> Floats:
+        return -0.5 * np.einsum("ni,ni->n", x @ precision, x)
+
+    return Target(spread_out(log_density, 3 * sd), np.zeros(20), sd)
 
 
 def bim5() -> Target:
@@ -103,9 +97,10 @@ def bim5() -> Target:
 
     mean = np.array([2.0, 0, 0, 0, 0])
     sd = np.array([np.sqrt(1 + 25 - 4), 1, 1, 1, 1])
-    return free_target("bim5", log_density, np.full(5, 4.0), mean, sd)
+    return Target(spread_out(log_density, np.full(5, 4.0)), mean, sd)
 
 
+TARGETS = {"fe5": (fe5, 32), "g20": (g20, 64), "bim5": (bim5, 32)}  # and walkers
 MOVES = {
     "auto": "auto",
     "DEMCMove": ef.DEMCMove(),
@@ -119,23 +114,22 @@ if importlib.util.find_spec("dime_sampler"):
 
 
 def main(
-    steps: int = 2_000, targets: tuple[str, ...] = ("fe5", "g20", "bim5")
+    steps: int = 2_000, targets: tuple[str, ...] = tuple(TARGETS)
 ) -> dict[str, Comparison]:
     """Print a table a target, and the share of the draws with x1 < 0; return them."""
-    walkers = {fe5: 32, g20: 64, bim5: 32}
     compared = {}
-    for make, nwalkers in walkers.items():
-        if make.__name__ in targets:
-            target = make()
-            exact = zip(target.mean, target.sd, strict=True)
-            reference = dict(zip(target.posterior.names, exact, strict=True))
-            found = compared[target.name] = ef.compare_moves(
-                target.posterior, MOVES, nwalkers, steps, seed=1, reference=reference
-            )
-            print(f"{target.name}, {nwalkers} walkers, {steps} steps", found, sep="\n")
-            for label, idata in found.idata.items():
-                first = idata["posterior"][target.posterior.names[0]].values
-                print(f"{label}: share of {(first < 0).mean():.3f} below zero")
+    for name in targets:
+        make, nwalkers = TARGETS[name]
+        posterior, *moments = make()
+        exact = zip(*moments, strict=True)
+        reference = dict(zip(posterior.names, exact, strict=True))
+        found = compared[name] = ef.compare_moves(
+            posterior, MOVES, nwalkers, steps, seed=1, reference=reference
+        )
+        print(f"{name}, {nwalkers} walkers, {steps} steps", found, sep="\n")
+        for label, idata in found.idata.items():
+            first = idata["posterior"][posterior.names[0]].values
+            print(f"{label}: share of {(first < 0).mean():.3f} below zero")
     return compared
 
 

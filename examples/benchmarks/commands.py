@@ -22,10 +22,9 @@ def command(main: Callable[..., object]) -> None:
     for name, argument in inspect.signature(main).parameters.items():
         default = argument.default
         several = isinstance(default, tuple)
-        kind = type(default[0] if several else default)
         parser.add_argument(
             f"--{name}",
-            type=int if default is None else kind,
+            type=type(default[0] if several else default),
             nargs="+" if several else None,
             default=default,
             help=f"default: {' '.join(map(str, default)) if several else default}",

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from commands import command, tabulate
-from hard_posteriors import Target, posterior_of
 from scipy import integrate, stats
 
 import emcee_femu as ef
@@ -38,13 +37,13 @@ class Problem(NamedTuple):
 
 def in_box(log_density: Callable[[Floats], Floats], box: Any, inside: float) -> Any:
     """Return a density, ``inside`` of whose mass lies in a box, and its evidence."""
-    box = np.asarray(box, float)
+    bounds = {f"x{i + 1}": ends for i, ends in enumerate(box)}
 
     def many(x: Floats) -> Floats:  # scipy drops the axis of a single point
         return np.atleast_1d(log_density(x))
 
-    target = Target(many, draw=None, box=box)  # type: ignore[arg-type]
-    return posterior_of(target), np.log(inside) - np.log(np.diff(box)).sum()
+    posterior = ef.LogPosterior.from_function(many, bounds, vectorize=True)
+    return posterior, np.log(inside) - np.log(np.diff(box)).sum()
 
 
 def gaussian(d: int) -> Problem:

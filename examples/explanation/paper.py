@@ -27,33 +27,30 @@ import emcee_femu as ef
 from emcee_femu.table import Table
 
 
-def frequencies(problem, *parameters):
-    """Return the model's frequencies for mappings of parameters, a row for each."""
-    batch = {name: np.array([p[name] for p in parameters]) for name in parameters[0]}
-    return problem.model(batch).frequencies
+def frequencies(problem, parameters):
+    """Return the model's frequencies."""
+    at = {name: np.array([value]) for name, value in parameters.items()}
+    return problem.model(at).frequencies[0]
+
+
+def tabulate(rows, decimals):
+    """Return a table of frequencies."""
+    title = "Frequencies in Hz: printed, and of the model at printed parameters"
+    names = [f"f{i}" for i in range(1, 6)]
+    return Table(title, ("row", *names), ("", *[decimals] * 5), tuple(rows))
 
 
 springs = ef.paper.mass_spring()
 printed = springs.published
-rows = frequencies(
-    springs,
-    springs.target,
-    springs.nominal,
-    springs.initial,
-    printed.parameters["paper mean"],
-)
-labels = ["true", "printed nominal", "initial", "published mean"]
 beside = [
     ("measured (printed)", *springs.measured),
-    *[(label, *row) for label, row in zip(labels, rows, strict=True)],
+    ("true", *frequencies(springs, springs.target)),
+    ("printed nominal", *frequencies(springs, springs.nominal)),
+    ("initial", *frequencies(springs, springs.initial)),
+    ("published mean", *frequencies(springs, printed.parameters["paper mean"])),
     ("published mean (printed)", *printed.frequencies["paper Hz"]),
 ]
-Table(
-    "Frequencies in Hz: printed, and of the model at printed parameters",
-    ("row", *(f"f{i}" for i in range(1, 6))),
-    ("", *[".3f"] * 5),
-    tuple(beside),
-)
+tabulate(beside, ".3f")
 
 # %% [markdown]
 # The paper's algorithm runs with its 10 walkers, in four independent ensembles; 1,500
@@ -114,27 +111,16 @@ ef.figures.plot_tae(ef.to_inference_data(run), springs.posterior)
 frame = ef.paper.h_structure(beta=5e4)
 published = frame.published
 names = list(frame.initial)
-rows = frequencies(
-    frame,
-    frame.initial,
-    published.parameters["paper DE-MC"],
-    published.parameters["paper M-H"],
-)
 beside = [
     ("measured (printed)", *frame.measured),
-    ("initial", *rows[0]),
+    ("initial", *frequencies(frame, frame.initial)),
     ("initial (printed)", 51.04, 115.79, 199.88, 245.76, 387.53),
-    ("DE-MC means", *rows[1]),
+    ("DE-MC means", *frequencies(frame, published.parameters["paper DE-MC"])),
     ("DE-MC means (printed)", *published.frequencies["paper DE-MC"]),
-    ("M-H means", *rows[2]),
+    ("M-H means", *frequencies(frame, published.parameters["paper M-H"])),
     ("M-H means (printed)", *published.frequencies["paper M-H"]),
 ]
-Table(
-    "Frequencies in Hz: printed, and of the model at printed parameters",
-    ("row", *(f"f{i}" for i in range(1, 6))),
-    ("", *[".2f"] * 5),
-    tuple(beside),
-)
+tabulate(beside, ".2f")
 
 # %% [markdown]
 # The frequencies hardly depend on Ix1 and Ix3, so these two stay unknown whatever the
@@ -254,9 +240,9 @@ print(f"{100 * switched:.0f} % of the box have another order")
 at = {label: np.array(row) for label, *row in beside}
 for label in ("initial", "DE-MC means", "M-H means"):
     np.testing.assert_allclose(at[label], at[f"{label} (printed)"], rtol=0.006)
-truth = frequencies(springs, springs.target)[0]
+truth = frequencies(springs, springs.target)
 np.testing.assert_allclose(truth, springs.measured, atol=6e-4)
-nominal = frequencies(springs, springs.nominal)[0]
+nominal = frequencies(springs, springs.nominal)
 assert np.abs(nominal - springs.measured).max() > 0.004
 ours = np.array(parameters.column("mean"))
 cv = np.array(parameters.column("c.o.v. %"))

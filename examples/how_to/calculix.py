@@ -74,8 +74,7 @@ EDGES = "01 12 23 30 45 56 67 74 04 15 26 37".split()
 #
 # - **Numbers.** After `*SPRING`, CalculiX 2.20 takes a number without a decimal point for
 #   a direction. It reads 20 characters of a number, so write `.10e`.
-# - **Elements.** The mass of C3D20R is singular, which a sparse `MatrixModel` allows;
-#   one row of them also has a singular K, so use two rows, or C3D20.
+# - **Elements.** One row of C3D20R is refused ({doc}`matrices`): use two, or C3D20.
 # - **Order.** The bearing lifts only vertical modes, so the order of the six never changes
 #   within the bounds. If it may, measure shapes, and put a
 #   {py:class}`~emcee_femu.PairedModel` around the function.

@@ -36,9 +36,6 @@ curves = np.array([solve(p).frequencies[:2] for p in points])
 figure, axes = plt.subplots(figsize=(5, 3), layout="constrained")
 axes.plot(heights, curves, label=["mode 1", "mode 2"])
 axes.set(xlabel="height, nominal 1 (width nominal)", ylabel="frequency [Hz]")
-for x, y, moves in [(0.88, 1.33, "up"), (0.81, 1.61, "across"), (1.06, 1.83, "up")]:
-    axes.text(x, y, f"moves {moves}")
-axes.text(1.1, 1.54, "moves across")
 _ = axes.legend(loc="upper left")
 
 # %% [markdown]

@@ -120,10 +120,8 @@ ef.parameter_table(ef.to_inference_data(population, posterior))
 # not include it: a narrow mode in a wide prior needs a search, `find_map` or `"auto"`.
 # [Moves measured](../explanation/moves_measured.md#tmcmc-how-many-members) has figures.
 #
-# No error of the evidence is claimed if the last proposals, fitted to the population,
-# have heavy-tailed weights, or if their mean weight, a second estimate of the evidence,
-# differs from the first by more than 2.5 standard errors; `problems` says why. Another
-# seed, or a larger size, may have an error then.
+# If no error of the evidence is claimed, `problems` says why. Another seed, or a larger
+# size, may have an error then.
 
 # %% tags=["remove-cell"]
 cold = idata.posterior["ground"].values

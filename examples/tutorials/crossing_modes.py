@@ -92,22 +92,12 @@ print(((measured.T @ nominal) ** 2).round(2))
 # %% [markdown]
 # The first measured mode is the model's second. `PairedModel` makes this choice anew
 # for each parameter set. Out of `candidates` modes (by default twice as many as were
-# measured) each measured mode gets one, so that the sum of all MAC is largest. Over the
-# prior, how often does the order differ from the test's?
+# measured) each measured mode gets one, so that the sum of all MAC is largest. Shapes
+# may enter the likelihood too, with a {py:class}`~emcee_femu.ShapeTerm`; pairing does
+# not need it.
 
 # %%
 paired = ef.PairedModel(model, test, candidates=4)
-draws = prior.sample(np.random.default_rng(0), 2_000)
-sets = {name: draws[:, i] for i, name in enumerate(prior.names)}
-numbers = paired(sets).model_mode
-share = (numbers != np.arange(1, 5)).any(axis=1).mean()
-print(f"{100 * share:.0f} % of the draws of the prior have another order")
-
-# %% [markdown]
-# Shapes may enter the likelihood too, with a {py:class}`~emcee_femu.ShapeTerm`;
-# pairing does not need it.
-
-# %%
 terms = [term, ef.ShapeTerm(test, delta=0.03)]
 by_shape = ef.LogPosterior(paired, terms, prior)
 run = ef.run(by_shape, seed=1)
@@ -194,7 +184,7 @@ assert between.mean() < 0.02  # where hardly a sample is
 for name, value in truth.items():
     x = right["posterior"][name].values
     assert abs(x.mean() - value) < 3 * x.std() and x.std() < 0.02
-assert share > 0.5 and "in 0 %" in ef.pairing_table(right).title
+assert "in 0 %" in ef.pairing_table(right).title
 assert mac[0.0].max() < 0.7 and mac[0.02][1] > 0.98
 assert np.abs(mac[0.02] - mac[0.0])[[0, -1]].max() < 1e-12
 assert plane["posterior"]["shape error"].values.mean() < 0.06

@@ -35,7 +35,7 @@ def test_commands(monkeypatch, capsys):
     commands = load("commands")
     called = []
 
-    def main(seeds: int = 3, steps: int | None = None, names: tuple = ("a", "b")):
+    def main(seeds: int = 3, steps: int = 4, names: tuple = ("a", "b")):
         called.append((seeds, steps, names))
 
     monkeypatch.setattr(sys, "argv", ["x.py", "--steps", "5", "--names", "c"])
