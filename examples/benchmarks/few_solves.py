@@ -302,12 +302,11 @@ def main(
     learned: tuple[str, ...] = tuple(KINDS),
 ) -> dict[tuple[str, str], list[Seed]]:
     """Print a line a seed as it ends, then the table."""
-    results: dict[tuple[str, str], list[Seed]]
-    results = {key: [] for key in product(problem, learned)}
+    results: dict[tuple[str, str], list[Seed]] = {}
     warnings.simplefilter("ignore")  # the weights are what counts
-    for (name, kind), seed in product(results, range(first, first + seeds)):
+    for name, kind, seed in product(problem, learned, range(first, first + seeds)):
         one = judge(name, kind, seed, workers)
-        results[name, kind].append(one)
+        results.setdefault((name, kind), []).append(one)
         shown = (f"{v:.3g}" if isinstance(v, float) else v for v in one)
         mark = "met" if one.good(name) else "MISSED"
         print(name, kind, seed, mark, *shown, sep="  ", flush=True)

@@ -34,17 +34,14 @@ def linear(p, off=0.0):
     return [first, 5.196 + 0.2887 * (p["k"] - 9)]
 
 
-chains = {}
+certificates = {}
 for title, off in {"linear": 0.0, "a little off": 0.7, "far off": 4.0}.items():
     cheap = ef.FunctionModel(lambda p, off=off: linear(p, off))
     emulated = ef.LogPosterior(cheap, term, prior)
     sampler = ef.run(
         emulated, ef.DEMCMove(), nwalkers=20, steps=700, seed=1, ensembles=1
     )
-    chains[title] = ef.to_inference_data(sampler, emulated, discard=200)
-
-certificates = {}
-for title, idata in chains.items():
+    idata = ef.to_inference_data(sampler, emulated, discard=200)
     found = certificates[title] = ef.certify(idata, true, solves=100, seed=1)
     print(f"{title}: {found.short}, efficiency of the weights {found.efficiency:.2f}")
 

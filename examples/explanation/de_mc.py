@@ -115,7 +115,7 @@ def wrong_variances(n, ensembles, steps=150, d=3, seed=1):
     """Return the mean square of each ensemble after each step."""
     rng = np.random.default_rng(seed)
     theta = rng.standard_normal((ensembles, n, d))
-    found = [(theta**2).mean(axis=(1, 2))]
+    found = []
     for _ in range(steps):
         theta = move_at_once(theta, rng)
         found.append((theta**2).mean(axis=(1, 2)))
@@ -135,14 +135,13 @@ def demc_variances(n, ensembles, steps=100, seed=1):
         return -0.5 * (theta**2).sum(axis=1), None
 
     model, move = Model(None, solve, map, random), ef.DEMCMove(live_dangerously=True)
-    found = np.empty((steps + 1, ensembles))
+    found = np.empty((steps, ensembles))
     for e in range(ensembles):
         theta = random.standard_normal((n, 3))
         state = emcee.State(theta, log_prob=solve(theta)[0])
-        found[0, e] = (state.coords**2).mean()
         for step in range(steps):
             state, _ = move.propose(model, state)
-            found[step + 1, e] = (state.coords**2).mean()
+            found[step, e] = (state.coords**2).mean()
     return found
 
 

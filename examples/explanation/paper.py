@@ -65,8 +65,7 @@ parameters = ef.parameter_table(idata, springs.nominal, columns)
 parameters
 
 # %%
-table = ef.frequency_table(idata, springs.posterior, printed.frequencies)
-table
+ef.frequency_table(idata, springs.posterior, printed.frequencies)
 
 # %% [markdown]
 # The long run has `steps=10_000`, of which `discard=2_000` drops a fifth (half a minute):
@@ -169,8 +168,7 @@ rows = [
 Table("The H (1e-8 m4, 1e-4 m2)", ("row", *names), ("", *["#.3g"] * 6), tuple(rows))
 
 # %%
-h_table = ef.frequency_table(sharp, frame.posterior, published.frequencies)
-h_table
+ef.frequency_table(sharp, frame.posterior, published.frequencies)
 
 # %% [markdown]
 # Figure 5.2, with $\beta = 5 \cdot 10^4$: Ix1 and Ix3 fill the bounds, so the samples

@@ -113,7 +113,6 @@ if __name__ == "__main__":
     doubled = {name: {2.0: assemble({**ones, name: 2.0})} for name in names}
     base = assemble(ones)
     print(base)
-    print("the first rows are", *base.labels[:3])
     model = ef.MatrixModel.from_differences(base, doubled, n_modes=N_MODES)
     exact = build(TRUTH).frequencies
     found = model({name: np.array([x]) for name, x in TRUTH.items()}).frequencies[0]

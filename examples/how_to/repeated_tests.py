@@ -78,14 +78,10 @@ except ValueError as error:
 # shape of unit length.
 
 # %%
-storeys = {  # of 1 MN/m
-    "k1": 1e6 * np.diag([1.0, 0.0]),
-    "k2": 1e6 * np.array([[1.0, -1.0], [-1.0, 1.0]]),
-}
-masses = np.diag([12e3, 9e3])  # kg
-model = ef.MatrixModel(np.zeros((2, 2)), masses, storeys, n_modes=2, shapes=[0, 1])
+storeys = {"k1": (0, 1, 7e3), "k2": (1, 2, 7e3)}  # kN/m
+model = ef.MassSpringModel([12.0, 9.0], storeys, shapes=True)  # t
 terms = [ef.FrequencyTerm(test), ef.ShapeTerm(test)]
-stiffness = stats.lognorm(0.3, scale=7.0)  # MN/m
+stiffness = stats.lognorm(0.3, scale=7e3)
 prior = ef.IndependentPrior(dict.fromkeys(storeys, stiffness))
 posterior = ef.LogPosterior(model, terms, prior)
 run = ef.run(posterior, seed=1)

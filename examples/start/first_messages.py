@@ -102,8 +102,7 @@ show(lambda: ef.run(posterior, ef.DEMCMove(), **options, starts=outside))
 # **Remedy.** Omit `starts`: `run` starts from samples of the prior, so that independent
 # ensembles can disagree if there is more than one mode. With plain emcee,
 # `posterior.start(nwalkers, seed=1)` returns such samples.
-
-# %% [markdown]
+#
 # ## What is not an error
 #
 # - `Chains: not converged, ...` is a statement of {py:func}`~emcee_femu.diagnose`. It says

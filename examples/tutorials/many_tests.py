@@ -108,10 +108,7 @@ ef.figures.plot_population(pooled)
 # Along the temperature, the frame falls and the soil does not:
 
 # %% mystnb={"image": {"alt": "Frame and soil factors over the temperature; the red line of the frame falls steadily, that of the soil is nearly level within its wide band"}}
-figure = ef.figures.plot_population(pooled, against="temperature")
-for axes in figure.axes:
-    axes.set_xlabel("temperature [°C]")
-figure
+ef.figures.plot_population(pooled, against="temperature")
 
 # %% [markdown]
 # ## A test not yet made
