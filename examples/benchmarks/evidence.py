@@ -5,8 +5,6 @@ shear frame with two modes; a linear model with a Gaussian prior. Three methods:
 tempered run of twelve betas, "auto", and "anneal". z is the error in claimed standard
 errors, over the seeds that claim one.
 
-The bar: |z| < 3 in 19 of 20 seeds, claimed errors within a factor of 1.5 of the spread.
-
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/evidence.py --seeds 20
 """
 

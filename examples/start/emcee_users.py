@@ -89,8 +89,7 @@ comparison
 # %% [markdown]
 # "ESS per 1000" is the number of effective samples per 1,000 evaluations; "end to end"
 # counts the search and the burn-in too. A move that is "too short" has not had 50
-# autocorrelation times, so that its numbers are rough. [Moves
-# measured](../explanation/moves_measured.md) has more targets, and other packages.
+# autocorrelation times, so that its numbers are rough: {doc}`/tutorials/comparing_moves`.
 #
 # ## ArviZ
 #

@@ -22,8 +22,6 @@
 #   samplers that have converged agree on it. A smaller one comes from walkers that
 #   have not yet spread.
 #
-# Both are shown below.
-#
 # ## A posterior
 #
 # The first three natural frequencies of a five-storey building were measured. Five

@@ -3,8 +3,7 @@
 #
 # Measured and computed frequencies must not be compared by their numbers. This page
 # shows why, and how {py:class}`~emcee_femu.PairedModel` compares them by shape, even if
-# modes are so close that their shapes mix. It also shows how to read the pairing of a
-# finished run.
+# modes are so close that their shapes mix.
 #
 # `python examples/tutorials/crossing_modes.py` runs this page (8 s). The test is
 # simulated.

@@ -5,7 +5,7 @@
 # and excitation change. This page shows how much the parameters of a structure vary
 # from test to test, what this depends on, and what to expect of the next test. The
 # tests are simulated, so the answer is known. `python examples/tutorials/many_tests.py`
-# runs this page in some 10 s.
+# runs this page in some 20 s.
 #
 # A single posterior of all data answers another question. It assumes that the
 # parameters are constant, so its standard deviations shrink with the number of tests,
@@ -80,9 +80,7 @@ temperature = dict(zip(days, degrees, strict=True))
 population = ef.population.NormalPopulation(
     names, covariates={"temperature": temperature}
 )
-pooled = ef.pool_tests(
-    tests, population, seed=1, steps=400, ensembles=2, posteriors=posteriors
-)
+pooled = ef.pool_tests(tests, population, seed=1, posteriors=posteriors)
 pooled
 
 # %% [markdown]
