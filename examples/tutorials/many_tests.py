@@ -172,4 +172,3 @@ assert (together < 1.1 * alone).all() and together.mean() < 0.97 * alone.mean()
 assert pooled.unreached == ()
 assert np.quantile(hot["frame"], 0.975) < 0.97  # no test was so hot
 assert "Population of 12 tests" in str(pooled)
-assert ef.diagnose(pooled.run).converged

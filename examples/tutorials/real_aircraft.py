@@ -148,7 +148,7 @@ start = dict.fromkeys(why, 1.0) | {"layer": 0.5, "joint": 5.0}
 paired = ef.PairedModel(small, MEASURED, reference=start, candidates=12)
 term = ef.FrequencyTerm(MEASURED, relative_sd=0.002, discrepancy="model error")
 explained = ef.LogPosterior(paired, term, prior)
-run = ef.run(explained, steps=220, ensembles=2, seed=1)
+run = ef.run(explained, seed=1)
 ef.diagnose(run)
 
 # %%
