@@ -243,8 +243,9 @@ def measure(chains: Chains) -> Diagnosis:
     with np.errstate(divide="ignore", invalid="ignore"):
         steps_per_tau = steps / tau.max(axis=0)
         kurtosis = 1 + squares.var(axis=(0, 1, 2)) / squares.mean(axis=(0, 1, 2)) ** 2
-        if chains.search is not None:  # which may have seen a tail that chains miss
-            kurtosis = np.fmax(kurtosis, chains.search.kurtosis)
+        seen = 0.0 if chains.search is None else chains.search.kurtosis
+        if np.shape(seen) == kurtosis.shape:  # of a tail that chains may have missed
+            kurtosis = np.fmax(kurtosis, seen)
         sd_error = 0.5 * np.sqrt((kurtosis - 1) / of_squares)
     return Diagnosis(
         names=chains.names,
