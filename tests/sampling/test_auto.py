@@ -190,7 +190,7 @@ def test_the_search_keeps_to_its_budget_whatever_lies_at_bounds(seed, caplog):
     assert 0.3 < run.search.solves / int(most.replace(",", "")) <= 1
     for sampler in run:
         assert len(np.unique(sampler.get_chain()[0], axis=0)) > 1  # not one draw alone
-        assert (sampler.acceptance_fraction > 0).mean() > 0.8
+        assert (sampler.acceptance_fraction > 0).mean() > 0.6
 
 
 def narrow(x):
