@@ -60,7 +60,7 @@ SIZED_FOR = 10_000  # evaluations for whose chain a search is made then
 FEWEST_SOLVES_OF_AUTO = 10_000  # of which a search has half
 # Solves that a run takes as a rule, and seconds above which that is said before.
 USUAL_SOLVES, LONG_RUN = 20_000, 600.0
-BRIEF = 1.0  # seconds of a solve below which a batch is solved to know them better
+BRIEF = 3.0  # seconds of a solve below which a batch is solved to know them better
 
 
 def run(
@@ -234,8 +234,10 @@ def run(
         if store is None or not store.lengths().get(1):
             usual = (weighted is None) * evaluations + evaluations
             usual = USUAL_SOLVES if steps is None else usual
-            # A first call may be far slower than those of a batch.
-            if LONG_RUN / usual < seconds < BRIEF and not posterior.one_by_one:
+            # A first call may be far slower than those of a batch, as on a worker,
+            # which imports for it.
+            batched = evaluator.pool is not None or not posterior.one_by_one
+            if LONG_RUN / usual < seconds < BRIEF and batched:
                 seconds = time_batch(evaluator)
             _warn_if_long(seconds, usual)
         if weighted is None:
