@@ -163,9 +163,11 @@ def read(response: Response, name: str) -> Floats:
         )
     if (value := find(response, name)) is not None:
         return value
-    there = [k for k in dir(response) if k[0] != "_"]
-    has = [k for k in there if isinstance(find(response, k), np.ndarray)]
-    has = list(response) if isinstance(response, Mapping) else has
+    if isinstance(response, Mapping):
+        has = list(response)
+    else:
+        there = [k for k in dir(response) if k[0] != "_"]
+        has = [k for k in there if isinstance(find(response, k), np.ndarray)]
     raise TypeError(f"model: its {kind} has no {name!r}; there are {has}")
 
 

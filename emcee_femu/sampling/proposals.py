@@ -96,11 +96,17 @@ class Draws:
         """The log evidence, for log_q counts the draws."""
         return float(logsumexp(self.log_weights))
 
+    @property
+    def effective(self) -> float:
+        """So many equal weights would know a mean as well."""
+        return len(self.x) * kish_share(self.log_weights)
+
     def kurtosis(self) -> Floats:
         """Return that of each parameter; 0 where few draws weigh, or it is constant."""
-        squares = (self.x - self.shares @ self.x) ** 2
-        second, fourth = self.shares @ squares, self.shares @ squares**2
-        known = (second > 0) & (1 / (self.shares**2).sum() > FEWEST_OF_KURTOSIS)
+        shares = self.shares
+        squares = (self.x - shares @ self.x) ** 2
+        second, fourth = shares @ squares, shares @ squares**2
+        known = (second > 0) & (self.effective > FEWEST_OF_KURTOSIS)
         return np.divide(fourth, second**2, out=np.zeros_like(second), where=known)
 
     def lack(self, mixture: Mixture) -> Floats:

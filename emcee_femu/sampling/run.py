@@ -54,9 +54,12 @@ from .verdict import NOT_CONVERGED, judge_chains, measure
 # Without steps= the verdict is asked first at so many steps, a little more than the 50
 # that tau takes, then each time at a quarter more: few looks, and little too much.
 FIRST_LOOK, LOOK_FURTHER = 60, 1.25
+FIRST_STEPS = 4  # by which it is known what a step costs
 # Relative error of a standard deviation: less than in a verdict that is asked once.
 SD_AT_END = 0.07
-SIZED_FOR = 10_000  # evaluations for whose chain a search is made then
+# Evaluations for whose chain a search is made then, and this part of few solves, of
+# which it has half.
+SIZED_FOR, SIZED_BY = 10_000, 3
 FEWEST_SOLVES_OF_AUTO = 10_000  # of which a search has half
 # Solves that a run takes as a rule, and seconds above which that is said before.
 USUAL_SOLVES, LONG_RUN = 20_000, 600.0
@@ -225,12 +228,12 @@ def run(
         shape = nwalkers, ensembles, seed
         search: SearchRecord | None = None
         each = thin_by * nwalkers * ensembles
-        # A third of few solves: the search has half, and chains will take the rest.
-        sized_for = min(SIZED_FOR, solves // 3)
-        evaluations = sized_for if steps is None else steps * each
-        most = budget_of(evaluations)
         if steps is None:
-            most = min(most, solves // 2)
+            evaluations = min(SIZED_FOR, solves // SIZED_BY)
+            most = min(budget_of(evaluations), solves // 2)
+        else:
+            evaluations = steps * each
+            most = budget_of(evaluations)
         if store is None or not store.lengths().get(1):
             usual = (weighted is None) * evaluations + evaluations
             usual = USUAL_SOLVES if steps is None else usual
@@ -334,7 +337,7 @@ def _search(
         store["evaluations"], store["search budget"] = evaluations, most
         if (stored := store["search"]) is not None:
             return SearchRecord.from_json(stored), []
-    logger.info(f"search, at most {most:,} solves")
+    logger.info(f"search, about {most:,} solves at most")
     places = points if points is None else [*points]
     if places is None and posterior.draws is not None:
         places = [posterior.draws[i::ensembles] for i in range(ensembles)]
@@ -383,9 +386,12 @@ def _sample_until(
                         return STOPPED_BY_VERDICT
                     look = next_look(done + 1)
                 each = thin_by * sum(sampler.nwalkers for sampler in samplers)
-                if done:  # a proposal of some moves takes several solves
+                # A proposal of some moves takes several solves, which steps show; a
+                # few of them before many, and half of what is left before the rest.
+                if done:
                     each = max(each, -(-(record.solves - record.evaluations) // done))
-                look = min(look, done + left // each)
+                room = left // each
+                look = min(look, done + room - room // 2, 2 * done + FIRST_STEPS)
                 if look <= done:
                     return STOPPED_BY_SOLVES
             _sample(samplers, states, look, thin_by, None, fresh, together)

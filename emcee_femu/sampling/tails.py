@@ -39,7 +39,7 @@ def climb_tails(evaluator: Evaluation, draws: Draws, most: float) -> list[Compon
         most: Solves after which no climb begins.
     """
     dimensions = draws.x.shape[1]
-    if 1 / (draws.shares**2).sum() < DRAWS_PER_DIMENSION * dimensions:
+    if draws.effective < DRAWS_PER_DIMENSION * dimensions:
         return []
     for j in range(dimensions):
         lower, upper = (_follow(evaluator, draws, j, side, most) for side in (0, 1))

@@ -76,10 +76,8 @@ ef.parameter_table(tests["day1"])
 # Here x is the temperature, a *covariate*.
 
 # %%
-temperature = dict(zip(days, degrees, strict=True))
-population = ef.population.NormalPopulation(
-    names, covariates={"temperature": temperature}
-)
+covariates = {"temperature": dict(zip(days, degrees, strict=True))}
+population = ef.population.NormalPopulation(names, covariates=covariates)
 pooled = ef.pool_tests(tests, population, seed=1, posteriors=posteriors)
 pooled
 
@@ -106,7 +104,10 @@ ef.figures.plot_population(pooled)
 # Along the temperature, the frame falls and the soil does not:
 
 # %% mystnb={"image": {"alt": "Frame and soil factors over the temperature; the red line of the frame falls steadily, that of the soil is nearly level within its wide band"}}
-ef.figures.plot_population(pooled, against="temperature")
+figure = ef.figures.plot_population(pooled, against="temperature")
+for axes in figure.axes:
+    axes.set_xlabel("temperature [°C]")
+figure
 
 # %% [markdown]
 # ## A test not yet made

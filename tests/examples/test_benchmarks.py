@@ -65,10 +65,10 @@ def test_damage_alarms(capsys):
 HARD = load("hard_targets")
 
 
-@pytest.mark.parametrize("name", HARD.TARGETS)
+@pytest.mark.parametrize("name", HARD.ALL)
 def test_hard_posteriors(name):
     """A reversible step from exact draws may not change centre, spread or density."""
-    target = HARD.TARGETS[name]()
+    target = HARD.ALL[name]()
     x = HARD.inside(target, 200_000 // max(10, len(target.box)), seed=3)
     rng = np.random.default_rng(4)
     # Along differences of draws, so that ridges are followed, some of them short.

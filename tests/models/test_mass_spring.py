@@ -32,6 +32,17 @@ def matrices_by_hand(parameters, row):
     return K[1:, 1:], np.diag(FIVE_MASSES)
 
 
+@pytest.mark.parametrize(
+    ("n", "k", "m"), [(1, 1.0, 1.0), (2, 9.0, 4.0), (20, 3.7e6, 0.42)]
+)
+def test_a_chain_between_walls_has_the_textbook_frequencies(n, k, m):
+    springs = {f"k{i}": (i, (i + 1) % (n + 1), k) for i in range(1, n + 1)}
+    springs["k0"] = (0, 1, k)
+    omega = 2 * np.sqrt(k / m) * np.sin(np.arange(1, n + 1) * np.pi / (2 * (n + 1)))
+    frequencies = MassSpringModel([m] * n, springs)({}).frequencies
+    np.testing.assert_allclose(frequencies, [omega / (2 * np.pi)], rtol=1e-12)
+
+
 @pytest.mark.parametrize("shapes", [False, True, [3, 0]])
 def test_modes_are_those_of_matrices_built_by_hand(shapes):
     parameters = draw(6)

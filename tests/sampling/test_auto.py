@@ -186,7 +186,7 @@ def test_the_search_keeps_to_its_budget_whatever_lies_at_bounds(seed, caplog):
     posterior = free_posterior(pressed, box(0, 1, PRESSED))
     run = ef.run(posterior, "auto", steps=20, ensembles=2, seed=seed)
     (said,) = caplog.messages
-    (most,) = re.findall(r"most ([\d,]+)", said)
+    (most,) = re.findall(r"about ([\d,]+)", said)
     assert 0.3 < run.search.solves / int(most.replace(",", "")) <= 1
     for sampler in run:
         assert len(np.unique(sampler.get_chain()[0], axis=0)) > 1  # not one draw alone
@@ -199,7 +199,10 @@ def narrow(x):
 
 
 @pytest.mark.parametrize("solves", [10_000, 15_000])
-@pytest.mark.parametrize(("density", "d"), [(narrow, 7), (pressed, PRESSED)])
+@pytest.mark.parametrize(
+    ("density", "d"),
+    [(narrow, 7), pytest.param(pressed, PRESSED, marks=pytest.mark.slow)],
+)
 def test_a_search_leaves_half_of_few_solves_to_the_chain(density, d, solves):
     run = ef.run(free_posterior(density, box(0, 1, d)), solves=solves, seed=3)
     assert run.search.solves <= solves / 2
@@ -230,16 +233,34 @@ class Exponential:
         return response, {"y": {name: response["y"] * unit for name, unit in slopes}}
 
 
-@pytest.mark.slow
-def test_skew_parameters_are_moved_by_gradients_where_there_are_any():
-    """The law of gradients in "auto": twelve skew marginals, by quadrature."""
+def skew_posterior():
+    """Return the posterior of that response, whose gradient takes one solve."""
 
     def term(parameters, response):
         return -0.5 * (((response["y"] - 1) / 0.5) ** 2).sum(axis=1)
 
     prior = ef.GaussianPrior(Exponential.names, np.zeros(12), 1.0, [(-6.0, 3.0)] * 12)
-    posterior = ef.LogPosterior(Exponential(), term, prior)
-    samplers = ef.run(posterior, "auto", 24, 80, ensembles=2, seed=1)
+    return ef.LogPosterior(Exponential(), term, prior)
+
+
+@pytest.mark.parametrize("solves", [10_000, 15_000])
+def test_climbs_and_chains_by_gradients_keep_to_few_solves(solves):
+    """A tuned trajectory alone would take more; climbs get where they go."""
+    run = ef.run(skew_posterior(), solves=solves, seed=3)
+    assert run.search.solves < 0.7 * solves and run.solves <= solves
+    assert run[0].iteration > 8 and run.search.from_prior
+
+
+@pytest.mark.slow
+def test_a_chain_of_trajectories_keeps_to_its_solves():
+    run = ef.run(skew_posterior(), solves=60_000, seed=3)
+    assert "Hamiltonian" in run.search.sentence and run.solves <= 60_000
+
+
+@pytest.mark.slow
+def test_skew_parameters_are_moved_by_gradients_where_there_are_any():
+    """The law of gradients in "auto": twelve skew marginals, by quadrature."""
+    samplers = ef.run(skew_posterior(), "auto", 24, 80, ensembles=2, seed=1)
     assert "Hamiltonian" in samplers.search.sentence
     assert largest_z(samplers, MEAN, SPREAD, discard=20) < LIMIT
     x = np.concatenate([s.get_chain(flat=True, discard=20) for s in samplers])

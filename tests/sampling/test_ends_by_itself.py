@@ -2,6 +2,7 @@
 
 import time
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -136,3 +137,32 @@ def test_a_search_that_was_stopped_goes_on_with_the_budget_that_it_had(
                 backend=str(tmp_path / "run.chain"),
             )  # fmt: skip
     assert budgets == [10_000, 10_000]
+
+
+def test_a_worker_that_imports_for_its_first_solve_is_timed_again(monkeypatch):
+    import emcee_femu.sampling.run as module
+
+    calls = []
+
+    def sleepy(x):
+        calls.append(x)
+        if len(calls) == 1:
+            time.sleep(0.5)
+        return -0.5 * (x**2).sum()
+
+    monkeypatch.setattr(module, "LONG_RUN", 4 * 10 * 4 * 0.1)
+    prior = {"a": (-9, 9), "b": (-9, 9)}
+    draws = ef.LogPosterior.from_function(sleepy, prior)
+    calls.clear()  # those by which blobs are known
+    with ThreadPoolExecutor(2) as pool, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ef.run(draws, ef.DEMCMove(), 10, 4, seed=1, pool=pool)
+
+
+def test_starts_are_drawn_until_they_are_possible():
+    """A twentieth of the prior is possible: of 40 starts 20 draws would miss 14."""
+    lower = free_posterior(
+        lambda x: np.where(x[:, 0] < 0.05, -x[:, 0], -np.inf), box(0, 1, 1)
+    )
+    (found, *_) = ef.run(lower, ef.DEMCMove(), 10, 2, seed=1)
+    assert (found.get_chain() < 0.05).all()
