@@ -39,9 +39,8 @@ POOR_ACCEPTANCE = 0.2  # acceptance below which gradients do better
 # Draws from which Hamiltonian moves are tuned, and the most solves, which a budget of
 # twice as many affords.
 TUNED, TUNING = 24, 14_000
-CLIMBED_AT_LEAST = (
-    1 / 3
-)  # of a budget may be spent when climbs end, however small it is
+# Part of a budget up to which the search may climb, however small the budget is.
+CLIMBED_AT_LEAST = 1 / 3
 TAIL_ROUNDS = 2  # of climbs in the tails
 SLABS_PER_ROUND = 4  # of a tail, for which a round has its usual draws
 TAIL_SOLVES = 0.6  # that each may spend, of those of a refinement

@@ -161,8 +161,10 @@ def test_a_worker_that_imports_for_its_first_solve_is_timed_again(monkeypatch):
 
 def test_starts_are_drawn_until_they_are_possible():
     """A twentieth of the prior is possible: of 40 starts 20 draws would miss 14."""
-    lower = free_posterior(
-        lambda x: np.where(x[:, 0] < 0.05, -x[:, 0], -np.inf), box(0, 1, 1)
-    )
-    (found, *_) = ef.run(lower, ef.DEMCMove(), 10, 2, seed=1)
+
+    def lower(x):
+        return np.where(x[:, 0] < 0.05, -x[:, 0], -np.inf)
+
+    posterior = ef.LogPosterior.from_function(lower, {"a": (0, 1)}, vectorize=True)
+    (found, *_) = ef.run(posterior, ef.DEMCMove(), 10, 2, seed=1)
     assert (found.get_chain() < 0.05).all()
