@@ -96,8 +96,9 @@ def run(
 
     The result is the same to the bit for the same seed, with or without
     ``workers``, and if the run was stopped and resumed. Cost: some 5,000 to 25,000
-    solves, never more than ``solves``. With ``steps``, the chain takes ``ensembles
-    * nwalkers * steps * thin_by`` solves, and the search of "auto" at most twice as
+    solves, at most ``solves`` (a last step of moves that take several solves may
+    exceed it). With ``steps``, the chain takes ``ensembles * nwalkers * steps *
+    thin_by`` solves, and the search of "auto" at most twice as
     many or 30,000. A warning announces runs of more than ten minutes.
 
     Args:

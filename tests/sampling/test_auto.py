@@ -256,6 +256,10 @@ def test_a_chain_of_trajectories_keeps_to_its_solves():
     move = ef.moves.HamiltonianMove(steps=40, step_size=0.1)
     run = ef.run(skew_posterior(), move, 24, solves=20_000, seed=3)
     assert 18_000 < run.solves <= 20_000
+    move = ef.moves.HamiltonianMove(steps=20, step_size=0.1)
+    mixed = [(move, 0.5), (ef.DEMCMove(), 0.5)]  # each ensemble draws its own
+    run = ef.run(skew_posterior(), mixed, 24, solves=20_000, seed=4)
+    assert 18_000 < run.solves <= 20_000 + 20 * 4 * 24  # at most a step too many
 
 
 @pytest.mark.slow
