@@ -101,7 +101,10 @@ def step_within(
     if (step < low).any() or (step > high).any():
         root = np.linalg.cholesky(curvature)
         target = np.linalg.solve(root, gradient)
-        step = lsq_linear(root.T, target, (low, high), method="bvls").x
+        try:
+            step = lsq_linear(root.T, target, (low, high), method="bvls").x
+        except np.linalg.LinAlgError:  # LAPACK's SVD does not always end
+            step = lsq_linear(root.T, target, (low, high), method="trf").x
     return step, float(gradient @ step - 0.5 * step @ curvature @ step)
 
 

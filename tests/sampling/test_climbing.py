@@ -8,6 +8,7 @@ from support.free_posterior import FreeModel, free_posterior
 
 import emcee_femu as ef
 from emcee_femu.evaluation.evaluator import Evaluation, Solver
+from emcee_femu.sampling import quadratic
 from emcee_femu.sampling.climbing import climb
 from emcee_femu.sampling.coordinates import Coordinates
 from emcee_femu.sampling.quadratic import log_integral, make_positive
@@ -102,3 +103,26 @@ def test_a_saddle_keeps_its_scales():
     saddle = turned @ np.diag([-4.0, 9.0]) @ turned.T
     expected = turned @ np.diag([4.0, 9.0]) @ turned.T
     assert_allclose(make_positive(saddle), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("gives_up", [False, True])
+def test_a_step_inside_a_box_is_the_best_there(gives_up, monkeypatch):
+    """The law of a maximum, also where LAPACK's SVD does not end."""
+    solve = quadratic.lsq_linear
+
+    def solved(*args, method):
+        if gives_up and method == "bvls":
+            raise np.linalg.LinAlgError("SVD did not converge")
+        return solve(*args, method=method)
+
+    monkeypatch.setattr(quadratic, "lsq_linear", solved)
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        root = rng.normal(size=(5, 5))
+        curvature, uphill = root @ root.T + np.eye(5), 5 * rng.normal(size=5)
+        low, high = -rng.random(5), rng.random(5)
+        step, gain = quadratic.step_within(uphill, curvature, low, high)
+        slope = uphill - curvature @ step
+        # No slope but at bounds, and there outwards.
+        assert_allclose(np.clip(step + slope, low, high), step, atol=1e-4)
+        assert gain == pytest.approx(uphill @ step - step @ curvature @ step / 2)
