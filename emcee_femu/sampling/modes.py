@@ -17,7 +17,7 @@ from .record import Chains
 
 MOST_WEIGHED = 20_000  # whose Pareto k is found
 CHUNK = 20_000
-RARE = 0.001  # share of a chain at places where a wait matters little
+MOST_BY_OTHERS = 0.5  # share of independence proposals; of fewer, others end waits
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -31,9 +31,9 @@ class ModeWeights(Report):
         importance_errors: Their standard errors, ``(g,)``.
         acceptance: Expected acceptance of frozen proposals from each mode, ``(g,)``;
             NaN if the chain has no draw there.
-        slowest: Acceptance at the worst thousandth of the chain's draws, at most. It
-            shows how long walkers wait: a walker that reached a region which the search
-            missed stays there, and accounts for more than a thousandth.
+        mean_error: Standard error of each mean, in standard deviations, from the time
+            that walkers wait for an accepted proposal at each place, ``(d,)``.
+        sd_error: Relative standard error of each standard deviation, likewise.
         reached: Whether a search ended or a walker started there, ``(g,)``.
         pareto_k: Pareto k of the proposal's importance weights, at its refinement.
         chain_k: The same, from the draws of the chain.
@@ -48,7 +48,8 @@ class ModeWeights(Report):
     importance: Floats
     importance_errors: Floats
     acceptance: Floats
-    slowest: float
+    mean_error: Floats
+    sd_error: Floats
     reached: NDArray[np.bool_]
     pareto_k: float
     chain_k: float
@@ -97,6 +98,8 @@ def weigh_modes(chains: Chains) -> ModeWeights | None:
         acceptance = np.bincount(owner, accepted, n_modes) / counts
     # Draws of p, not of q, have the tail index k / (1 - k).
     k = pareto_k(log_weights[spread_out(len(flat), MOST_WEIGHED)])
+    share = search.share * search.screened
+    mean_error, sd_error = _errors(flat, accepted, share)
     as_chains = indicators.transpose(1, 2, 0, 3).reshape(-1, len(draws), n_modes)
     sizes = mean_sizes(as_chains)
     by_ensemble = indicators.mean(axis=(0, 2))
@@ -110,12 +113,32 @@ def weigh_modes(chains: Chains) -> ModeWeights | None:
         importance=search.weights,
         importance_errors=search.errors,
         acceptance=acceptance,
-        slowest=float(np.quantile(accepted, RARE)),
+        mean_error=mean_error,
+        sd_error=sd_error,
         reached=search.found_by.sum(axis=0) + search.starts.sum(axis=0) > 0,
         pareto_k=search.pareto_k,
         chain_k=k / (1 + k) if 0 < k < np.inf else min(k, 1.0),
         efficiency=search.efficiency,
-        share=search.share * search.screened,
+        share=share,
         searched=search.points,
         climbs=(search.climbs, search.from_prior),
     )
+
+
+def _errors(flat: Floats, accepted: Floats, share: float) -> tuple[Floats, Floats]:
+    r"""Return the errors that waits make of means and standard deviations, ``(d,)``.
+
+    .. math:: \epsilon^2 = \frac{1}{n} E_p\left[ h^2 \left( \frac{2}{s a} - 1
+        \right) \right], \qquad h = \max(1, |z|), \quad \frac{z^2 - 1}{2}
+
+    That is how long walkers stay that leave a place with probability s a, by accepted
+    independence proposals, a share s of their steps; where these are the lesser part,
+    nothing is said. h is at least one because a part near the mean has a weight too.
+    """
+    if share <= MOST_BY_OTHERS:
+        return 2 * (np.zeros(flat.shape[1]),)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squares = (flat - flat.mean(axis=0)) ** 2 / flat.var(axis=0)
+        longer = np.maximum(2 / (share * accepted) - 1, 1.0) / len(flat) ** 2
+        means = np.sqrt(longer @ np.fmax(squares, 1.0))
+        return means, np.sqrt(longer @ (squares - 1) ** 2) / 2

@@ -36,7 +36,7 @@ ERRORS_APART = 4.0  # between two estimates of a weight
 SMALL_WEIGHT = 0.005  # a weight, or a difference of two, that does not matter
 WEIGHT_KNOWN_TO = 0.0125  # standard error of a weight: four of them are 0.05
 ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays in a mode
-ENOUGH_WAITS = 10  # the same from the worst places, a thousandth of the chain
+MEAN_KNOWN_TO = 0.05  # sds, with the waits of walkers at places of poor acceptance
 STUCK_BY_CHANCE = 0.05  # walkers that may not have moved yet in a short chain
 CONVERGED, MIXED, NOT_CONVERGED = "converged", "well mixed", "not converged"
 NO_CHAINS = "none"  # of a population, or of weighted draws
@@ -115,7 +115,8 @@ class Diagnosis(Report):
             reveals modes that some ensembles missed; NaN for a single ensemble.
         sd_error: Relative standard error of the standard deviation, from the ESS of
             the squared deviations and their kurtosis, by the chain or by the search of
-            "auto", whichever is larger, ``(d,)``.
+            "auto", or from the waits of walkers where its proposal lacks mass,
+            whichever is largest, ``(d,)``.
         scatter: Scatter of the ensembles' means and variances, whichever is worse,
             relative to the limit that tau allows, ``(d,)``. Values above 1 are too
             large; NaN for fewer than three ensembles.
@@ -240,6 +241,7 @@ def measure(chains: Chains) -> Diagnosis:
         within = np.max([rhat(walkers) for walkers in by_ensemble], axis=0)
     if n_ensembles > 1:
         between = rhat(by_ensemble.reshape(n_ensembles, -1, ndim))
+    modes = weigh_modes(chains)
     with np.errstate(divide="ignore", invalid="ignore"):
         steps_per_tau = steps / tau.max(axis=0)
         kurtosis = 1 + squares.var(axis=(0, 1, 2)) / squares.mean(axis=(0, 1, 2)) ** 2
@@ -247,6 +249,8 @@ def measure(chains: Chains) -> Diagnosis:
         if np.shape(seen) == kurtosis.shape:  # of a tail that chains may have missed
             kurtosis = np.fmax(kurtosis, seen)
         sd_error = 0.5 * np.sqrt((kurtosis - 1) / of_squares)
+        if modes is not None:
+            sd_error = np.fmax(sd_error, modes.sd_error)
     return Diagnosis(
         names=chains.names,
         steps=steps,
@@ -260,7 +264,7 @@ def measure(chains: Chains) -> Diagnosis:
         rhat_between=between,
         sd_error=sd_error,
         scatter=scatter,
-        modes=weigh_modes(chains),
+        modes=modes,
         failures=chains.failures,
         plain=chains.plain,
         stopped=chains.stopped,
@@ -360,17 +364,17 @@ def _weights(modes: ModeWeights, walkers: int) -> Iterator[Complaint]:
 def _proposal(modes: ModeWeights, steps: int) -> Iterator[Complaint]:
     """Yield what is wrong with the frozen proposal, if steps are made with it."""
     several, made = len(modes.importance) > 1, modes.share * steps
-    k = float(np.fmax(modes.pareto_k, modes.chain_k))
+    # A chain has more draws; weights of modes are compared with those of the search.
+    k = float(np.fmax(modes.pareto_k, modes.chain_k)) if several else modes.chain_k
     # Weights that are nearly equal have a tail too, but not one that matters.
     narrow = k > GOOD_K and not modes.efficiency > FAIR_SHARE and (several or made)
-    worst, done = np.nanmin(modes.acceptance) * made, modes.slowest * made
-    visits = worst / ENOUGH_VISITS if several and made else 1.0
-    waits = done / ENOUGH_WAITS if modes.share > 0.5 else 1.0
-    if narrow or min(visits, waits) < 1:
+    left, error = np.nanmin(modes.acceptance) * made, modes.mean_error.max()
+    visits = left / ENOUGH_VISITS if several and made else 1.0
+    if narrow or visits < 1 or error > MEAN_KNOWN_TO:
         sentence = (
-            f"Pareto k is {k:.2f} (at most {GOOD_K}), and in {steps} steps a walker "
-            f"leaves the worst mode {worst:.1f} times (at least {ENOUGH_VISITS}), "
-            f"the worst places {done:.1f} times (at least {ENOUGH_WAITS})"
+            f"Pareto k is {k:.2f} (at most {GOOD_K}), in {steps} steps a walker "
+            f"leaves the worst mode {left:.1f} times (at least {ENOUGH_VISITS}), and "
+            f"waits make the error of a mean {error:.3f} sd (at most {MEAN_KNOWN_TO})"
         )
-        longer = MUCH if narrow else 1 / max(float(min(visits, waits)), 0.1)
-        yield "proposal too narrow", sentence, longer
+        longer = max(1 / max(float(visits), 0.1), (error / MEAN_KNOWN_TO) ** 2)
+        yield "proposal too narrow", sentence, MUCH if narrow else float(longer)

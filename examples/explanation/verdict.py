@@ -47,12 +47,12 @@ good
 # | N walkers stuck | a parameter of a walker never changed | look at the starts, and at failed solves |
 # | too short | fewer than 50 autocorrelation times | run the steps that it says |
 # | walkers stay apart | R-hat over walkers above 1.05 | run the steps; far above, `moves="auto"` |
-# | sd unknown | a standard deviation is uncertain by 10 % or more (`sd_error`), as in heavy tails | run the steps; sample the logarithm of a scale |
+# | sd unknown | a standard deviation is uncertain by 10 % or more (`sd_error`), as in heavy tails, or where walkers wait | run the steps; sample the logarithm of a scale |
 # | ensembles disagree | R-hat over ensembles above 1.01, or means or variances scatter more than their own errors allow | run the steps; far above, `moves="auto"` |
 # | a mode is lost | a search ended, or walkers started, where the chain has none | more walkers |
 # | weights disagree | the weight of a mode differs between the chain and importance sampling | run the steps |
 # | weights unknown | neither the chain nor importance sampling determines a weight to within 0.05 | run the steps |
-# | proposal too narrow | Pareto k above 0.7 of weights p / q that are half or less efficient; or too few accepted proposals from a mode (20), or, with k above 0.5, from the worst place reached (10) | run the steps |
+# | proposal too narrow | Pareto k above 0.7 of weights p / q that are half or less efficient; or too few accepted proposals from a mode (20); or waits that make the error of a mean, or of a weight, larger than 0.05 sd | run the steps |
 # | one ensemble, starts given | nothing, but nothing could have been seen: the status is "well mixed" | `ensembles=4`, starts from the prior |
 #
 # ## R-hat over walkers is mixing, not convergence
@@ -136,8 +136,12 @@ figure
 # The checks from "a mode is lost" to "proposal too narrow" need what `"auto"` found
 # (`run.search`), and no solve. The frozen proposal q is an importance sampler beside
 # the chain, so it gives the weights of separated modes independently. At the chain's
-# own draws, p / q says how long a walker waits there. `diagnose(...).modes` has these
-# numbers, printed as a table if there are several separated modes (above).
+# own draws, p / q says how long a walker waits there. A place that holds the share m of
+# the mass at z standard deviations, from which a proposal is accepted with probability a,
+# adds 2 m z^2 / (a n) to the squared error of a mean by n draws, and a quarter of
+# 2 m z^4 / (a n), nearly, to that of a standard deviation. So a long wait matters only
+# where much of a variance is. `diagnose(...).modes` has these numbers (`mean_error`,
+# `sd_error`); weights are printed if there are several separated modes (above).
 #
 # ## Search: what no diagnosis sees
 #

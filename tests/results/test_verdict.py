@@ -181,20 +181,17 @@ def test_the_pareto_k_of_the_chain_is_that_of_the_proposal(chains, variance):
     found = ef.diagnose(held_to_a_gaussian(chains, variance))
     assert_allclose(found.modes.chain_k, 1 - variance, atol=0.07)
     # Tails of the second are left too seldom.
-    short = "converged" if variance == 0.8 else "proposal too narrow"
-    assert found.chains.short == short
+    reason = "sd unknown" if variance == 0.45 else "proposal too narrow"
+    assert (reason in found.chains.reasons) == (variance != 0.8)
 
 
-@pytest.mark.parametrize(
-    ("steps", "short"), [(20, "converged"), (50, "proposal too narrow")]
-)
+@pytest.mark.parametrize(("steps", "short"), [(20, "converged"), (100, "sd unknown")])
 def test_a_walker_that_waits_matters_where_it_stays(chains, steps, short):
-    """Fault 27: in a thousandth of the chain or less it is no reason for a rerun."""
+    """Fault 27: if it hardly matters to a variance it is no reason for a rerun."""
     chains[2][900 : 900 + steps, 3] = 6.5, 0.0  # at the end of a tail
     found = ef.diagnose(held_to_a_gaussian(chains, 0.8))
     assert found.modes.pareto_k < 0.5 and found.rhat_between.max() < 1.01
     assert found.chains.short == short
-    assert (found.modes.slowest < 0.01) == (short != "converged")
 
 
 @pytest.mark.parametrize(
@@ -222,9 +219,28 @@ def test_the_expected_acceptance_is_that_of_proposals():
     proposed = -0.25 * 2.0 * (rng.normal(size=(n, 2)) ** 2).sum(axis=1)
     accepted = [np.exp(np.minimum(0, proposed - w)).mean() for w in log_weight[::40]]
     assert_allclose(found.acceptance[0], np.mean(accepted), atol=0.02)
-    rare = np.quantile(log_weight, 0.999)
-    worst = np.exp(np.minimum(0, proposed - rare)).mean()
-    assert_allclose(found.slowest, worst, atol=0.02)
+
+
+@pytest.mark.parametrize("variance", [0.8, 2.0])
+def test_errors_by_waits_are_those_of_independence_chains(variance):
+    """p = N(0, 1), q = N(0, v): of 200 runs, by what four of them say."""
+    rng, steps, shape = np.random.default_rng(5), 300, (200, 32, 2)
+    x, draws = rng.normal(size=shape), np.empty((steps, *shape))
+    for step in range(steps):
+        proposed = variance**0.5 * rng.normal(size=shape)
+        gain = 0.5 * (1 / variance - 1) * (proposed**2 - x**2).sum(axis=-1)
+        moved = np.log(rng.random(shape[:2])) < gain
+        moved &= rng.random(shape[:2]) < 0.9  # other moves stay
+        draws[step] = x = np.where(moved[..., None], proposed, x)
+    claimed = []
+    for run in range(4):
+        ensembles = draws[:, run].reshape(steps, 4, 8, 2).swapaxes(0, 1)
+        modes = ef.diagnose(held_to_a_gaussian(ensembles, variance)).modes
+        claimed.append([modes.mean_error, modes.sd_error])
+    runs = draws.swapaxes(0, 1).reshape(200, -1, 2)
+    scatter = [runs.mean(axis=1).std(axis=0), runs.std(axis=1).std(axis=0)]
+    ratios = np.mean(claimed, axis=0) / scatter
+    assert (ratios > 0.9).all() and (ratios < 1.5).all()
 
 
 def test_scatter_is_a_chi_square_over_its_quantile():
