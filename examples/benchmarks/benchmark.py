@@ -47,8 +47,22 @@ def spread_out(
     return ef.LogPosterior.from_function(density, prior, vectorize=True)
 
 
+def weighed(posterior: ef.LogPosterior) -> Target:
+    """Return a posterior with its moments by importance sampling."""
+    (pilot,) = ef.run(posterior, ef.DEMCMove(), 40, 4_000, seed=1, ensembles=1)
+    fit = ef.IndependenceMove.fit(pilot.get_chain(discard=1_000, flat=True), "auto", 5)
+    law = Mixture(fit.weights, fit.means, fit.scale_matrices, 5)
+    draws = law.draw(np.random.default_rng(1), 400_000)
+    parts = np.array_split(draws, 80)
+    logs = np.concatenate([posterior(x)[:, 0] - law.log_density(x) for x in parts])
+    weights = np.exp(logs - logs.max())
+    mean = np.average(draws, axis=0, weights=weights)
+    sd = np.sqrt(np.average((draws - mean) ** 2, axis=0, weights=weights))
+    return Target(posterior, mean, sd)
+
+
 def fe5() -> Target:
-    """Return the five-spring target; its moments come from importance sampling."""
+    """Return the five-spring target."""
     ends = [(0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (5, 0), (1, 3), (2, 4), (3, 5)]
     stiffness = [4010.0, 2210.0, 3200.0, 2130.0, 1840.0, 2595.0, 2200.0, 2398.0, 2800.0]
     springs = {
@@ -64,16 +78,7 @@ def fe5() -> Target:
     names = ["k1", "k2", "k4", "k6", "k8"]
     prior = ef.GaussianPrior(names, centre, 0.2 * centre, bounds)
     posterior = ef.LogPosterior(model, ef.FrequencyTerm(measured, beta=4.5e5), prior)
-    (pilot,) = ef.run(posterior, ef.DEMCMove(), 40, 4_000, seed=1, ensembles=1)
-    fit = ef.IndependenceMove.fit(pilot.get_chain(discard=1_000, flat=True), "auto", 5)
-    law = Mixture(fit.weights, fit.means, fit.scale_matrices, 5)
-    draws = law.draw(np.random.default_rng(1), 400_000)
-    parts = np.array_split(draws, 80)
-    logs = np.concatenate([posterior(x)[:, 0] - law.log_density(x) for x in parts])
-    weights = np.exp(logs - logs.max())
-    mean = np.average(draws, axis=0, weights=weights)
-    sd = np.sqrt(np.average((draws - mean) ** 2, axis=0, weights=weights))
-    return Target(posterior, mean, sd)
+    return weighed(posterior)
 
 
 def g20() -> Target:

@@ -15,6 +15,7 @@ with --targets for a name or a part of names.
 
 import functools
 import warnings
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -64,20 +65,30 @@ def truth_of(name: str) -> tuple[Target, Truth]:
     return target, Truth(x.mean(axis=0), x.std(axis=0), weights, len(x))
 
 
-def judge(name: str, seed: int) -> Run:
+def judge(name: str, **options: int) -> Run:
     """Run "auto" on a target, and compare."""
     target, truth = truth_of(name)
+    return compare(posterior_of(target), truth, target.label, **options)
+
+
+def compare(
+    posterior: ef.LogPosterior,
+    truth: Truth,
+    label: Callable[[Floats], Floats] | None,
+    **options: int,
+) -> Run:
+    """Run "auto" on a posterior, and compare with the truth."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the verdict is what counts
-        run = ef.run(posterior_of(target), seed=seed)
+        run = ef.run(posterior, **options)
         found = ef.diagnose(run)
     x = np.concatenate([sampler.get_chain(flat=True) for sampler in run])
     error = truth.sd * np.sqrt(1 / found.ess_bulk + 1 / truth.draws)
     off = np.abs(x.mean(axis=0) - truth.mean)
     relative = x.std(axis=0) / truth.sd - 1
     weights = truth.weights
-    if target.label:
-        weights = np.bincount(target.label(x), minlength=len(weights)) / len(x)
+    if label:
+        weights = np.bincount(label(x), minlength=len(weights)) / len(x)
     lost = np.abs(weights - truth.weights).max() > FAR_WEIGHT
     means, sds = off > FAR_MEAN * truth.sd, np.abs(relative) > FAR_SD
     beyond = (means & (off > 3 * error)) | (
@@ -115,7 +126,7 @@ def main(
     results: dict[str, list[Run]] = {}
 
     def row(name: str) -> tuple[object, ...]:
-        results[name] = [judge(name, seed) for seed in range(first, first + seeds)]
+        results[name] = [judge(name, seed=seed) for seed in range(first, first + seeds)]
         return summarize(name, results[name])
 
     title = "Hard targets: what runs called converged are worth"

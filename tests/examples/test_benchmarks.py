@@ -60,6 +60,29 @@ def test_damage_alarms(capsys):
     assert min(table.column("95 %")) > 60 and "Alarms" in capsys.readouterr().out
 
 
+def test_constants_stay_sensible():
+    """Whole numbers stay whole, shares below one, degrees of freedom above two."""
+    scale = load("constants").scale
+    assert scale("TESTED", 8, 0.5) == 4 and scale("UNTESTED", 1, 0.5) == 1
+    assert scale("VALLEY", 0.5, 2.0) == 0.95 and scale("LACK", 2.5, 2.0) == 5.0
+    assert scale("DFS", (3.0, 8.0), 0.5) == (2.1, 4.0)
+    assert scale("LOOK_FURTHER", 1.25, 0.5) == 1.125
+
+
+@pytest.mark.slow
+def test_constants(monkeypatch, capsys):
+    """A search of fewer points takes fewer solves, one of more takes more."""
+    constants = load("constants")
+    monkeypatch.setattr(constants, "TARGETS", ("two springs",))
+    before = constants.MODULES["auto"].SEARCHED_SHARE
+    table = constants.main(1, ("SEARCHED_SHARE",))
+    today, row = table.rows
+    assert today[2:] == (1.0, 1, 0, 0) * 2 and row[0] in capsys.readouterr().out
+    assert table.column("half")[1] < 1 < table.column("double")[1]
+    assert row[5] == row[9] == 1  # run that differs
+    assert constants.MODULES["auto"].SEARCHED_SHARE == before  # as it was
+
+
 # --- hard targets -----------------------------------------------------------------
 
 HARD = load("hard_targets")
