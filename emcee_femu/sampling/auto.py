@@ -32,7 +32,6 @@ LAST_ROUND = 6  # times a round's draws, that the last round of a refinement may
 REFINED = 1_500  # draws for a refinement, or half as many as the chain has
 BENT = 0.5  # effective share of a mixture below which polynomials may do better
 MOST_QUADRATIC = 30  # parameters of which there are quadratic ones
-GAINED = 1.5  # acceptance by polynomials, relative to that of the mixture
 SCREENED, MOST_SCREENED = 10, 100  # proposals that polynomials accept, and see
 POPULATION, POPULATION_DF = 1_000, 5.0  # members of all ensembles
 POOR_ACCEPTANCE = 0.2  # acceptance below which gradients do better
@@ -238,7 +237,7 @@ def _find_proposal(
         second = Trial(mixture, *propose(mixture, judged))
         log_p, log_c = second.rows[:, 0], surface(second.theta)
         accepted = find_acceptance(log_p, log_c, second.log_q)
-        if accepted > max(GAINED * trial.acceptance, POOR_ACCEPTANCE):
+        if accepted > max(trial.acceptance, POOR_ACCEPTANCE):
             return second, surface, [], False
         trial = second if is_better(second, trial) else trial
     populations: list[Population] = []

@@ -21,7 +21,7 @@ from .importance import (
 REFINING_ROUNDS = 12
 GOOD_SHARE = 0.9  # effective share of a round's draws that ends the refinement
 HIGH_SHARE = 0.8  # where a heavy tail counts little
-LEAST_SHARE, FAIR_K = 0.2, 0.4  # beyond which it may end without
+FAIR_K = 0.4  # of a tail that is not heavy
 DFS = (3.0, 5.0, 8.0, 16.0, 50.0)
 MOST_REFINED = 30
 NEW_WEIGHT = 0.2
@@ -182,8 +182,7 @@ def refine(
         shares = [past.efficiency for past in rounds]
         # As good as can be, or two rounds without a gain and no heavy tail that counts.
         settled = number > 2 and max(shares[-2:]) < 1.05 * max(shares[:-2])
-        light = shares[-1] > LEAST_SHARE and trial.pareto_k < FAIR_K
-        enough = settled and (light or shares[-1] > HIGH_SHARE)
+        enough = settled and (trial.pareto_k < FAIR_K or shares[-1] > HIGH_SHARE)
         spent = sum(len(past.theta) for past in rounds)
         if not len(draws.x) or spent >= most:
             break
