@@ -44,6 +44,7 @@ TOO_SHORT = "too short"
 SEARCHED, NOT_SEARCHED = "searched", "not searched"
 LENGTH_MARGIN = 1.25  # since tau and errors are estimates themselves
 MUCH = 4.0  # times longer, where no number says how much
+LONGEST = 1_000.0  # times longer: of more it is only said that it is more
 MOST_LONGER = 10.0  # times longer, above which it is not length that lacks
 # In a few words, in a sentence, and how many times longer a chain would mend it; 0
 # where none would, and the sentence says what does.
@@ -281,11 +282,12 @@ def judge_chains(diagnosis: Diagnosis, starts_given: bool, discard: int) -> Stat
     if complaints := list(_complaints(diagnosis)):
         short, sentence, longer = complaints[0]
         if longer:
-            longer = max(factor for *_, factor in complaints)
+            longer = min(max(factor for *_, factor in complaints), LONGEST)
             steps = discard + LENGTH_MARGIN * longer * diagnosis.steps
             unit = 10 ** max(int(np.log10(steps)) - 1, 0)  # two digits, and zeros
             needed = unit * int(np.ceil(steps / unit))
             sentence += f"; {diagnosis.cures.steps.format(needed)}"
+            sentence += " at least" if longer == LONGEST else ""
         sentence = f"{NOT_CONVERGED}, {short}: {sentence}."
         reasons = tuple(reason for reason, *_ in complaints)
         return Statement(NOT_CONVERGED, short, sentence, reasons)
@@ -364,10 +366,10 @@ def _weights(modes: ModeWeights, walkers: int) -> Iterator[Complaint]:
 def _proposal(modes: ModeWeights, steps: int) -> Iterator[Complaint]:
     """Yield what is wrong with the frozen proposal, if steps are made with it."""
     several, made = len(modes.importance) > 1, modes.share * steps
-    # A chain has more draws; weights of modes are compared with those of the search.
-    k = float(np.fmax(modes.pareto_k, modes.chain_k)) if several else modes.chain_k
-    # Weights that are nearly equal have a tail too, but not one that matters.
-    narrow = k > GOOD_K and not modes.efficiency > FAIR_SHARE and (several or made)
+    k = float(np.fmax(modes.pareto_k, modes.chain_k))
+    # Weights of modes are compared with those of the search, unless k is large. (Nearly
+    # equal weights have a tail too, but not one that matters.)
+    narrow = several and k > GOOD_K and not modes.efficiency > FAIR_SHARE
     left, error = np.nanmin(modes.acceptance) * made, modes.mean_error.max()
     visits = left / ENOUGH_VISITS if several and made else 1.0
     if narrow or visits < 1 or error > MEAN_KNOWN_TO:

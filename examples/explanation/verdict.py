@@ -52,7 +52,7 @@ good
 # | a mode is lost | a search ended, or walkers started, where the chain has none | more walkers |
 # | weights disagree | the weight of a mode differs between the chain and importance sampling | run the steps |
 # | weights unknown | neither the chain nor importance sampling determines a weight to within 0.05 | run the steps |
-# | proposal too narrow | Pareto k above 0.7 of weights p / q that are half or less efficient; or too few accepted proposals from a mode (20); or waits that make the error of a mean, or of a weight, larger than 0.05 sd | run the steps |
+# | proposal too narrow | there are several modes, and Pareto k is above 0.7 of weights p / q that are half or less efficient; or too few accepted proposals from a mode (20); or waits that make the error of a mean, or of a weight, larger than 0.05 sd | run the steps |
 # | one ensemble, starts given | nothing, but nothing could have been seen: the status is "well mixed" | `ensembles=4`, starts from the prior |
 #
 # ## R-hat over walkers is mixing, not convergence
