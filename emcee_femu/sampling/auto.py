@@ -216,7 +216,8 @@ def _find_proposal(
                 draws.add(*propose(refined, drawn), refined)
             if number == TAIL_ROUNDS or (number and not new):
                 break
-            limit = min(last, evaluator.solves + TAIL_SOLVES * most)
+            # The refinement, for which "last" leaves room, is over.
+            limit = min(last + most, evaluator.solves + TAIL_SOLVES * most)
             new = climb_tails(evaluator, draws, limit)
             added.extend(new)
         refined = carry(draws, refined, size, propose)
