@@ -56,9 +56,7 @@ def test_tails_are_followed_although_climbs_took_many_solves(seed):
     """Their variance is in the weighted draws: climbs by differences are dear."""
     posterior = free_posterior(two_arms, TWO)
     found = ef.run(posterior, solves=60_000, ess=1.0, seed=seed).search
-    assert (
-        found.kurtosis[1:].min() > 100
-    )  # the law has 310; 4 if no tail is followed
+    assert found.kurtosis[1:].min() > 100  # the law has 310; 4 if no tail is followed
 
 
 def test_a_gaussian_needs_no_more_than_a_few_climbs():
