@@ -62,10 +62,10 @@ print(search.found_by)  # one row per ensemble
 # there are at most 30 parameters. The degree is 4 up to 8 parameters, 3 up to 12,
 # then 2. The fit uses some 4,000 solves where walkers on this *response surface* go.
 #
-# If the response surface is at least half as efficient again as the mixture, a new
-# mixture is fitted to draws of the density that the surface predicts, of its square root
-# and of its fourth root; the roots are wider and cover the tails. The surface then
-# screens ten to a hundred of the mixture's proposals before each solve
+# A new mixture is fitted to draws of the density that the surface predicts, of its
+# square root and of its fourth root; the roots are wider and cover the tails. If more of
+# its proposals would be accepted with the surface than without, and at least 0.2, the
+# surface screens ten to a hundred of them before each solve
 # ({py:class}`~emcee_femu.moves.DelayedAcceptanceMove`): the chain stays exact.
 # {doc}`moves_measured` has the gain.
 
