@@ -64,8 +64,8 @@ print(search.found_by)  # one row per ensemble
 #
 # A new mixture is fitted to draws of the density that the surface predicts, of its
 # square root and of its fourth root; the roots are wider and cover the tails. If more of
-# its proposals would be accepted with the surface than without, and at least 0.2, the
-# surface screens ten to a hundred of them before each solve
+# the proposals that the surface lets pass would be accepted than of the first mixture's,
+# and at least 0.2, it screens ten to a hundred of them before each solve
 # ({py:class}`~emcee_femu.moves.DelayedAcceptanceMove`): the chain stays exact.
 # {doc}`moves_measured` has the gain.
 
