@@ -44,7 +44,7 @@ TOO_SHORT = "too short"
 SEARCHED, NOT_SEARCHED = "searched", "not searched"
 LENGTH_MARGIN = 1.25  # since tau and errors are estimates themselves
 MUCH = 4.0  # times longer, where no number says how much
-LONGEST = 1_000.0  # times longer: of more it is only said that it is more
+MUCH_TOO_SHORT = 1_000.0  # times longer: of more it is only said that it is more
 MOST_LONGER = 10.0  # times longer, above which it is not length that lacks
 # In a few words, in a sentence, and how many times longer a chain would mend it; 0
 # where none would, and the sentence says what does.
@@ -282,12 +282,12 @@ def judge_chains(diagnosis: Diagnosis, starts_given: bool, discard: int) -> Stat
     if complaints := list(_complaints(diagnosis)):
         short, sentence, longer = complaints[0]
         if longer:
-            longer = min(max(factor for *_, factor in complaints), LONGEST)
+            longer = min(max(factor for *_, factor in complaints), MUCH_TOO_SHORT)
             steps = discard + LENGTH_MARGIN * longer * diagnosis.steps
             unit = 10 ** max(int(np.log10(steps)) - 1, 0)  # two digits, and zeros
             needed = unit * int(np.ceil(steps / unit))
             sentence += f"; {diagnosis.cures.steps.format(needed)}"
-            sentence += " at least" if longer == LONGEST else ""
+            sentence += " at least" if longer == MUCH_TOO_SHORT else ""
         sentence = f"{NOT_CONVERGED}, {short}: {sentence}."
         reasons = tuple(reason for reason, *_ in complaints)
         return Statement(NOT_CONVERGED, short, sentence, reasons)
