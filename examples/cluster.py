@@ -40,7 +40,7 @@ def dask_pool(scheduler: str | None, workers: int) -> Iterator[tuple[Any, int]]:
     """Yield a client of a dask cluster, and how many workers it has."""
     from distributed import Client, LocalCluster  # an optional extra
 
-    options = {"threads_per_worker": 1, "dashboard_address": None}
+    options = {"threads_per_worker": 1, "dashboard_address": ":0"}  # any free port
     cluster = scheduler or LocalCluster(n_workers=workers, **options)
     with Client(cluster) as client:
         client.wait_for_workers(workers)  # else one worker gets all at first
