@@ -32,7 +32,8 @@ class ModeWeights(Report):
         acceptance: Expected acceptance of frozen proposals from each mode, ``(g,)``;
             NaN if the chain has no draw there.
         mean_error: Standard error of each mean, in standard deviations, from the time
-            that walkers wait for an accepted proposal at each place, ``(d,)``.
+            that walkers wait for an accepted proposal at each place, ``(d,)``; NaN if
+            most of their steps are of other moves.
         sd_error: Relative standard error of each standard deviation, likewise.
         reached: Whether a search ended or a walker started there, ``(g,)``.
         pareto_k: Pareto k of the proposal's importance weights, at its refinement.
@@ -133,10 +134,11 @@ def _errors(flat: Floats, accepted: Floats, share: float) -> tuple[Floats, Float
 
     That is how long walkers stay that leave a place with probability s a, by accepted
     independence proposals, a share s of their steps; where these are the lesser part,
-    nothing is said. h is at least one because a part near the mean has a weight too.
+    nothing is known. h is at least one because a part near the mean has a weight too.
     """
     if share <= MOST_BY_OTHERS:
-        return 2 * (np.zeros(flat.shape[1]),)
+        unknown = np.full(flat.shape[1], np.nan)
+        return unknown, unknown
     with np.errstate(divide="ignore", invalid="ignore"):
         squares = (flat - flat.mean(axis=0)) ** 2 / flat.var(axis=0)
         longer = np.maximum(2 / (share * accepted) - 1, 1.0) / len(flat) ** 2

@@ -103,8 +103,8 @@ def step_within(
         target = np.linalg.solve(root, gradient)
         try:
             step = lsq_linear(root.T, target, (low, high), method="bvls").x
-        except np.linalg.LinAlgError:  # LAPACK's SVD does not always end
-            step = lsq_linear(root.T, target, (low, high), method="trf").x
+        except np.linalg.LinAlgError:  # LAPACK's SVD does not always end; no SVD then
+            step = lsq_linear(root.T, target, (low, high), lsq_solver="lsmr").x
     return step, float(gradient @ step - 0.5 * step @ curvature @ step)
 
 

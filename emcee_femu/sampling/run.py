@@ -98,8 +98,8 @@ def run(
     ``workers``, and if the run was stopped and resumed. Cost: some 5,000 to 25,000
     solves, at most ``solves`` (a last step of moves that take several solves may
     exceed it). With ``steps``, the chain takes ``ensembles * nwalkers * steps *
-    thin_by`` solves, and the search of "auto" at most twice as
-    many or 30,000. A warning announces runs of more than ten minutes.
+    thin_by`` solves, and the search of "auto" at most twice as many or 30,000. A
+    warning announces runs of more than ten minutes.
 
     Args:
         posterior: The :class:`LogPosterior` to sample.

@@ -369,14 +369,20 @@ def _proposal(modes: ModeWeights, steps: int) -> Iterator[Complaint]:
     k = float(np.fmax(modes.pareto_k, modes.chain_k))
     # Weights of modes are compared with those of the search, unless k is large. (Nearly
     # equal weights have a tail too, but not one that matters.)
-    narrow = several and k > GOOD_K and not modes.efficiency > FAIR_SHARE
-    left, error = np.nanmin(modes.acceptance) * made, modes.mean_error.max()
-    visits = left / ENOUGH_VISITS if several and made else 1.0
-    if narrow or visits < 1 or error > MEAN_KNOWN_TO:
+    if several and k > GOOD_K and not modes.efficiency > FAIR_SHARE:
+        yield "proposal too narrow", f"Pareto k is {k:.2f} (at most {GOOD_K})", MUCH
+    left = float(np.nanmin(modes.acceptance)) * made
+    if several and made and left < ENOUGH_VISITS:
         sentence = (
-            f"Pareto k is {k:.2f} (at most {GOOD_K}), in {steps} steps a walker "
-            f"leaves the worst mode {left:.1f} times (at least {ENOUGH_VISITS}), and "
-            f"waits make the error of a mean {error:.3f} sd (at most {MEAN_KNOWN_TO})"
+            f"in {steps} steps a walker leaves the worst mode {left:.1f} times (at "
+            f"least {ENOUGH_VISITS})"
         )
-        longer = max(1 / max(float(visits), 0.1), (error / MEAN_KNOWN_TO) ** 2)
-        yield "proposal too narrow", sentence, MUCH if narrow else float(longer)
+        longer = min(ENOUGH_VISITS / left, MOST_LONGER) if left else MOST_LONGER
+        yield "proposal too narrow", sentence, longer
+    error = float(modes.mean_error.max())
+    if error > MEAN_KNOWN_TO:  # never for NaN
+        sentence = (
+            f"waits of walkers make the error of a mean {error:.3f} sd (at most "
+            f"{MEAN_KNOWN_TO})"
+        )
+        yield "proposal too narrow", sentence, (error / MEAN_KNOWN_TO) ** 2
