@@ -137,6 +137,9 @@ ONCE = {"starts": [[0.7, 0.25, 0.05]] + [[0.7, 0.3, 0]] * 3}
 def test_the_bounds_of_what_a_record_says(usual, short, found_so):
     found = ef.diagnose(as_arviz(usual, search=found_so))
     assert found.chains.short == short
+    # Waits are not known of few proposals; the chain's own error always is.
+    assert np.isnan(found.modes.sd_error).all() == (found_so["share"] < 0.5)
+    assert np.isfinite(found.sd_error).all()
     if len(found_so["weights"]) == 3:
         assert np.isnan(found.modes.acceptance[2])
         # As if there were one other draw.
