@@ -8,33 +8,30 @@ from matplotlib.patches import Ellipse, StepPatch
 from numpy.testing import assert_allclose
 from scipy import stats
 from support.chains import dataset, wrap
-from support.figures import assert_no_texts_overlap, assert_nothing_is_clipped
+from support.figures import assert_readable
 
 import emcee_femu as ef
 
-CHAINS, STEPS = 8, 500
 MOST_POINTS = 4_000  # drawn in a panel
 RNG = np.random.default_rng(4)
-NORMAL = RNG.normal(size=(CHAINS, STEPS, 2))
-SIDE = RNG.choice([-1.0, 1.0], (CHAINS, STEPS, 1))
+NORMAL = RNG.normal(size=(8, 500, 2))
+SIDE = RNG.choice([-1.0, 1.0], (8, 500, 1))
+POSITIVE = np.exp(NORMAL * [0.6, 0.0]) + NORMAL * [0.0, 1.0]
 LAWS = {  # draws, and whether they are Gaussian
     "correlated": (NORMAL @ [[1.0, 0.99], [0.0, 0.02]], True),
     "two clouds": (0.1 * NORMAL + SIDE, False),
     "banana": (NORMAL * [1.0, 0.3] + [0, 1] * NORMAL[..., :1] ** 2, False),
-    "heavy tails": (RNG.standard_t(2, (CHAINS, STEPS, 2)), False),
-    "reaches below zero": (
-        np.exp(NORMAL * [0.6, 0.0]) + NORMAL * [0.0, 1.0],
-        False,
-    ),
-    "flat": (RNG.random((CHAINS, STEPS, 2)), False),
+    "heavy tails": (RNG.standard_t(2, (8, 500, 2)), False),
+    "reaches below zero": (POSITIVE, False),
+    "flat": (RNG.random((8, 500, 2)), False),
 }
 
 
-def made(draws, bounds=None, **attributes):
+def made(draws, bounds=None):
     """Return an ArviZ object of draws ``(chain, draw, d)``, of p0, p1, ..."""
     names = [f"p{i}" for i in range(draws.shape[-1])]
     values = {name: (("chain", "draw"), draws[..., i]) for i, name in enumerate(names)}
-    attributes = {"sampled": names, "sample_dims": ["chain", "draw"]} | attributes
+    attributes = {"sampled": names, "sample_dims": ["chain", "draw"]}
     groups = {"posterior": xarray.Dataset(values, attrs=attributes)}
     if bounds is not None:
         low, high = np.transpose(bounds)
@@ -66,10 +63,13 @@ def test_every_pair_has_the_covariance_ellipse_of_all_samples():
     mix = np.array([[1.0, 0.7, -0.97], [0.0, 1.0, 0.2], [0.0, 0.0, 0.3]])
     scale = np.array([1.0, 2e-8, 3.0])
     draws = scale * (5 + np.random.default_rng(3).normal(size=(4, 1500, 3)) @ mix)
-    figure = ef.figures.plot_scatter(made(draws))
+    idata, units = made(draws), {"p1": "m^4", "p2": "N/m"}
+    figure = ef.figures.plot_scatter(idata, units=units, truths={"p1": 9e-8})
     flat = draws.reshape(-1, 3) / [1.0, 1e-7, 1.0]
     labels = [axes.get_xlabel() for axes in panels(figure)[-1]]
-    assert labels == ["p0", "p1 [$10^{-7}$]", "p2"]
+    assert labels == ["p0", "p1 [$10^{-7}$ m$^{4}$]", "p2 [N/m]"]
+    (mark,) = panels(figure)[1, 1].lines  # on the scaled axis
+    assert_allclose(np.ravel(mark.get_xdata()), 0.9)
     for row, left in ((1, 0), (2, 0), (2, 1)):
         axes, (patch,), _ = drawn(figure, (row, left))
         pair = flat[:, [left, row]]
@@ -81,6 +81,7 @@ def test_every_pair_has_the_covariance_ellipse_of_all_samples():
         assert abs(vectors[:, 1] @ [np.cos(angle), np.sin(angle)]) > 1 - 1e-6
         points = set(map(tuple, axes.lines[0].get_xydata()))
         assert len(points) == MOST_POINTS and points <= set(map(tuple, pair))
+    assert_readable(figure)
 
 
 @pytest.mark.parametrize("label", LAWS)
@@ -112,25 +113,13 @@ def test_a_density_that_leans_on_a_bound_does_not_fade_there():
     assert reach == pytest.approx(1.18, abs=0.15)
 
 
-def test_six_parameters_of_all_sizes_are_readable_at_page_width():
-    draws = RNG.normal(size=(CHAINS, 60, 6)) * [2e-3, 1, 1e-3, 1e4, 7e9, 0.3]
-    draws += [5e-2, 0, 1234, 9e4, 2.1e11, 3]
-    units = dict.fromkeys([f"p{i}" for i in range(6)], "kg m^2")
-    idata = made(draws, certificate="certified by 60 full solves")
-    figure = ef.figures.plot_scatter(idata, units=units, truths={"p4": 2.2e11})
-    assert_nothing_is_clipped(figure, "p4 [$10^{11}$ kg m$^{2}$]")
-    (mark,) = panels(figure)[4, 4].lines  # on the scaled axis
-    assert_allclose(np.ravel(mark.get_xdata()), 2.2)
-
-
 def test_correlation_map_shows_the_correlations():
     draws = NORMAL @ [[1.0, 0.7], [0.0, 1.0]]
     figure = ef.figures.plot_correlation(made(draws))
-    axes, expected = figure.axes[0], np.corrcoef(draws.reshape(-1, 2).T)
-    assert_allclose(axes.images[0].get_array(), expected, rtol=0, atol=1e-12)
-    found = {text.get_position(): text.get_text() for text in axes.texts}
-    assert found == {(j, i): f"{expected[i, j]:.2f}" for i, j in np.ndindex(2, 2)}
-    assert_nothing_is_clipped(figure, "p0", "p1")
+    expected = np.corrcoef(draws.reshape(-1, 2).T)
+    shown = figure.axes[0].images[0].get_array()
+    assert_allclose(shown, expected, rtol=0, atol=1e-12)
+    assert_readable(figure)
 
 
 MARGINALS = {"k": stats.norm(10.0, 2.0), "sigma": stats.halfnorm(scale=1e-3)}
@@ -163,13 +152,12 @@ def test_prior_densities_stand_beside_histograms_of_the_samples():
         counts = np.histogram(values, bars.edges)[0]
         assert_allclose(bars.values, counts / counts.max())
         assert counts.sum() >= 0.99 * len(values) and (counts > 0).sum() >= 20
-    assert_nothing_is_clipped(figure)
-    assert_no_texts_overlap(figure)
+    assert_readable(figure)
     # Without the posterior the prior is a histogram of its draws.
     idata["posterior"]["ratio"] = idata["posterior"]["m"] / idata["posterior"]["k"]
     names = ["k", "ratio"]  # the second has no prior
     first, second = ef.figures.plot_prior_posterior(idata, var_names=names).axes
     before, after = histograms(first)
+    assert len(histograms(second)) == 1
     assert middle(before) == pytest.approx(10.0, abs=0.3)
     assert middle(after) == pytest.approx(10.5, abs=0.05)
-    assert len(histograms(second)) == 1

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
-from matplotlib.patches import Rectangle
 from numpy.testing import assert_allclose
 from support.chains import dataset
-from support.figures import assert_no_texts_overlap, assert_nothing_is_clipped
+from support.figures import assert_readable
 
 import emcee_femu as ef
 
@@ -27,10 +26,13 @@ TEST = ef.Measurements(HERTZ, shapes=MEASURED, dofs=[0, 1])
 MOVED, AT_SENSORS = "updated model", "updated model at the sensors"
 
 
-def sample(model, measured, **options):
+def sampled(posterior):
+    return ef.run(posterior, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
+
+
+def sample(model, measured):
     term = ef.FrequencyTerm(measured, relative_sd=0.01)
-    posterior = ef.LogPosterior(model, term, PRIOR)
-    return ef.run(posterior, ef.DEMCMove(), 8, 20, ensembles=1, seed=1, **options)
+    return sampled(ef.LogPosterior(model, term, PRIOR))
 
 
 def run_of(model, measured, candidates=2):
@@ -43,9 +45,8 @@ def run():
 
 
 def solved(k1, k2):
-    """Return frequencies and shapes, from closed forms."""
-    squares, shapes = np.linalg.eigh([[k1 + k2, -k2], [-k2, k2]])
-    return np.sqrt(squares) / (2 * np.pi), shapes
+    """Return the shapes, from closed forms."""
+    return np.linalg.eigh([[k1 + k2, -k2], [-k2, k2]])[1]
 
 
 def at_mean(run):
@@ -69,7 +70,7 @@ def points(axes, label):
 
 def test_the_structure_moves_as_the_updated_model_does_in_its_plane(run):
     figure = ef.figures.plot_shapes(run, geometry=TOWER)
-    hertz, shapes = at_mean(run)
+    shapes = at_mean(run)
     for i, axes in enumerate(figure.axes):
         rest = [[[0, 0], [0, 3]], [[0, 3], [0, 6]]]
         assert_allclose(lines(axes, "at rest"), rest, atol=1e-12)
@@ -86,11 +87,7 @@ def test_the_structure_moves_as_the_updated_model_does_in_its_plane(run):
         # Measured shapes have the model's scale and sign, by least squares.
         assert_allclose(measured[1] / measured[0], MEASURED[1, i] / MEASURED[0, i])
         assert (measured - sensors) @ measured == pytest.approx(0, abs=1e-9)
-        mac = (MEASURED[:, i] @ shapes[:, i]) ** 2 / (MEASURED[:, i] ** 2).sum()
-        for number in (f"{HERTZ[i]:.4g}", f"{hertz[i]:.4g}", f"MAC {mac:.3f}"):
-            assert number.replace(" 0.", " .") in axes.get_title()
-    assert_nothing_is_clipped(figure)
-    assert_no_texts_overlap(figure)
+    assert_readable(figure)
     assert len(ef.figures.plot_shapes(run, geometry=TOWER, modes=2).axes) == 1
 
 
@@ -105,46 +102,20 @@ def test_what_cannot_be_drawn_says_what_to_give(run):
         with pytest.raises(ValueError, match=message):
             ef.figures.plot_shapes(run, **{"geometry": TOWER} | wrong)
     plain = sample(ef.MassSpringModel([1.0, 1.0], SPRINGS), HERTZ)
-    for plot in (ef.figures.plot_shapes, ef.figures.plot_mac):
+    for plot, options in (
+        (ef.figures.plot_shapes, {"geometry": TOWER}),
+        (ef.figures.plot_mac, {}),
+    ):
         with pytest.raises(ValueError, match="shapes=True"):
-            plot(plain, **{"geometry": TOWER} if plot is ef.figures.plot_shapes else {})
+            plot(plain, **options)
     term = ef.FrequencyTerm(TEST, relative_sd=0.01)
     paired = ef.PairedModel(MODEL, TEST, candidates=2)
     tests = {"empty": (paired, term), "plain": (MODEL, term)}
-    joint = ef.LogPosterior.joint(tests, PRIOR)
-    both = ef.run(joint, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
+    both = sampled(ef.LogPosterior.joint(tests, PRIOR))
     assert len(ef.figures.plot_mac(both, experiment="empty").axes) == 3
     for options, message in (({}, "experiment"), ({"experiment": "plain"}, "pairs no")):
         with pytest.raises(ValueError, match=message):
             ef.figures.plot_mac(both, **options)
-
-
-@pytest.mark.parametrize("shapes", [True, ["3:uy", "2:uy"]])
-def test_lines_move_only_where_the_model_knows_its_nodes(shapes):
-    """The bending of a cantilever along y, with sensors at two of five nodes."""
-    bar = ef.Section(E="k1", GJ=700.0, rho=1.0, A=1.0, Iy=1.0, Iz="k2")
-    beam = [(x, 0, 0) for x in range(5)], [(i, i + 1, "bar") for i in range(4)]
-    full, frame = (
-        ef.FrameModel(*beam, {"bar": bar}, {0: "all"}, n_modes=4, shapes=which)
-        for which in (True, shapes)
-    )
-    modes, sensors = full({"k1": [12.0], "k2": [8.0]}), ["2:uy", "3:uy"]
-    rows = [full.shape_dofs.index(sensor) for sensor in sensors]
-    bending = [np.abs(modes.shapes[0, rows]).sum(axis=0).argmax()]
-    shape = modes.shapes[0][np.ix_(rows, bending)]
-    test = ef.Measurements(modes.frequencies[0, bending], shapes=shape, dofs=sensors)
-    run, nodes = run_of(frame, test, 4), {i: (i, 0, 0) for i in range(5)}
-    geometry = ef.Geometry(nodes, [(i, i + 1) for i in range(4)])
-    (axes,) = ef.figures.plot_shapes(run, geometry=geometry).axes
-    moved = lines(axes, MOVED)
-    if shapes is not True:
-        assert moved[0, :, 0].tolist() == [2, 3] and len(moved) == 1
-        assert_allclose(moved[0], points(axes, AT_SENSORS))
-        return
-    assert len(moved) == 4
-    assert_allclose(moved[0, 0], [0, 0], atol=1e-12)  # it is clamped
-    assert_allclose(moved[1:, 0], moved[:-1, 1])
-    assert np.abs(moved[-1, 1, 1]) == pytest.approx(0.15 * 4)  # the tip moves most
 
 
 @pytest.mark.parametrize(
@@ -182,36 +153,20 @@ def test_sensors_across_each_other_add_up_and_a_skew_one_is_not_counted_twice():
     assert_allclose(along, move / np.linalg.norm(move), rtol=1e-9)
 
 
-def test_the_matrix_has_the_mac_before_and_after_and_intervals_of_pairs(run):
-    figure = ef.figures.plot_mac(run)
-    mac = dataset(ef.to_inference_data(run), "response")["mac"].values.reshape(-1, 2)
-    low, high = np.quantile(mac, [0.025, 0.975], axis=0)
-    before_and_after = solved(*PRIOR.mean), at_mean(run)
-    for axes, (_, shapes) in zip(figure.axes, before_and_after, strict=False):
-        expected = (MEASURED.T @ shapes) ** 2 / (MEASURED**2).sum(axis=0)[:, None]
-        assert_allclose(axes.images[0].get_array(), expected, rtol=1e-9)
-        texts = {text.get_position(): text.get_text() for text in axes.texts}
-        for (i, j), value in np.ndenumerate(expected):
-            assert texts[j, i].startswith(f"{value:.2f}".removeprefix("0"))
-            ends = f"{low[i]:.3f}–{high[i]:.3f}".replace("0.", ".")
-            assert (ends in texts[j, i]) == (i == j and axes is figure.axes[1])
-        frames = [p for p in axes.patches if isinstance(p, Rectangle)]
-        centres = [np.mean(p.get_corners(), axis=0) for p in frames]
-        assert_allclose(centres, [[0, 0], [1, 1]], atol=1e-12)
-    assert_nothing_is_clipped(figure)
-    assert_no_texts_overlap(figure)
-    # A pair out of order is framed where it is, around its interval.
+def test_the_matrix_has_the_mac_before_and_after_with_frames_around_the_pairs(run):
     turned = ef.Measurements(HERTZ, shapes=SHAPES[:, ::-1], dofs=[0, 1])
-    figure = ef.figures.plot_mac(run_of(MODEL, turned))
-    figure.canvas.draw()
-    frames = figure.axes[1].patches
-    centres = [np.mean(p.get_corners(), axis=0) for p in frames]
-    assert_allclose(centres, [[1, 0], [0, 1]], atol=1e-12)
-    boxes = [p.get_window_extent() for p in frames]
-    for text in figure.axes[1].texts:
-        if "–" in text.get_text():
-            box = text.get_window_extent()
-            assert any(f.x0 < box.x0 and box.x1 < f.x1 for f in boxes)
+    for source, shapes, pairs in (
+        (run, MEASURED, [[0, 0], [1, 1]]),
+        (run_of(MODEL, turned), SHAPES[:, ::-1], [[1, 0], [0, 1]]),
+    ):
+        figure = ef.figures.plot_mac(source)
+        assert_readable(figure)
+        before_and_after = solved(*PRIOR.mean), at_mean(source)
+        for axes, own in zip(figure.axes, before_and_after, strict=False):
+            expected = (shapes.T @ own) ** 2 / (shapes**2).sum(axis=0)[:, None]
+            assert_allclose(axes.images[0].get_array(), expected, rtol=1e-9)
+            centres = [np.mean(p.get_corners(), axis=0) for p in axes.patches]
+            assert_allclose(centres, pairs, atol=1e-12)
 
 
 def test_what_close_modes_span_is_drawn_at_the_sensors_only():
