@@ -87,11 +87,10 @@ def statuses(found):
 def test_a_good_run_has_three_good_statements_and_what_is_not_known_is_said(good):
     """Of plain samplers, backends, files and objects of others."""
     run, path = good
-    idata = ef.to_inference_data(path, posterior_of())
-    for source in (run, idata):
+    for source in (run, ef.to_inference_data(path, posterior_of())):
         found = ef.diagnose(source)
         assert statuses(found) == ("converged", "searched", "fits")
-        assert found.converged and "2 of 2" in found.fit.sentence
+        assert found.converged
         assert f"one point in {run.search.points // 3:,}" in found.search.sentence
     assert statuses(ef.diagnose(path)) == ("converged", "searched", "not checked")
     assert ef.diagnose(list(run)[:1]).chains.status == "well mixed"
@@ -125,13 +124,40 @@ def test_other_units_are_doubted_before_sampling_and_by_the_fit(measured, model,
         assert re.search(said, text) and f"{measured[0]:.3g} Hz" in text
 
 
+def crossing():
+    """Two oscillators, of which the prior mean takes the other for the lower one."""
+    springs = {"a": (0, 1, 100.0), "b": (0, 2, 120.0)}
+    model = ef.MassSpringModel([1.0, 1.0], springs, shapes=True)
+    measured = np.sqrt([100.0, 120.0]) / (2 * np.pi)
+    test = ef.Measurements(measured, shapes=np.eye(2))
+    prior = ef.GaussianPrior(["a", "b"], [120.0, 100.0], 20.0, [(1.0, 300.0)] * 2)
+    paired = ef.PairedModel(model, test, candidates=2)
+    return ef.LogPosterior(paired, ef.FrequencyTerm(test, relative_sd=0.02), prior)
+
+
+def density():
+    """A term with the whole density, as targets of benchmarks have it."""
+    model = ef.FunctionModel(ignored, n_modes=2)
+    law = stats.norm(50, 1)
+    return ef.LogPosterior(
+        model, lambda p, _: law.logpdf(p["k1"]), posterior_of().prior
+    )
+
+
 @pytest.mark.parametrize(
-    ("measured", "prior"),
-    [(2.9 * AT_MEAN, NARROW), (HERTZ * [1.0, 8.0], None), (HERTZ, WIDE)],
-    ids=["2.9 times", "one mode", "a wide prior"],
+    ("posterior", "moves"),
+    [
+        (posterior_of(2.9 * AT_MEAN, prior=NARROW), ef.DEMCMove()),
+        (posterior_of(HERTZ * [1.0, 8.0]), ef.DEMCMove()),
+        (posterior_of(prior=WIDE), ef.DEMCMove()),
+        (crossing(), ef.DEMCMove()),
+        (density(), ef.DEMCMove()),
+        (density(), "auto"),
+    ],
+    ids=["2.9 times", "one mode", "a wide prior", "paired", "no model", "none, auto"],
 )
-def test_what_is_no_matter_of_units_is_not_doubted(measured, prior):
-    assert doubts(posterior_of(measured, prior=prior), **DEMC)[1] == []
+def test_what_is_no_matter_of_units_is_not_doubted(posterior, moves):
+    assert doubts(posterior, moves=moves)[1] == []
 
 
 @pytest.mark.parametrize(
@@ -176,8 +202,6 @@ def test_a_population_has_statements_but_no_chains(measured, fit):
     population = ef.anneal(posterior, 60, seed=1)
     found = ef.diagnose(ef.to_inference_data(population, posterior))
     assert statuses(found) == ("none", "searched", fit) and not found.converged
-    assert f"{population.solves} solves" in found.search.sentence
-    assert "in 20 falls" in found.search.sentence
     assert statuses(ef.diagnose(population)) == ("none", "searched", "not checked")
 
 
@@ -186,26 +210,13 @@ def test_a_population_has_statements_but_no_chains(measured, fit):
     [
         (turned, [(20, 90), (1, 15)], "PairedModel"),
         (frequencies, [(20, 90), (1, 9)], r"k2 = 10 .*\(1, 9\)"),
-        (frequencies, [(20, 90), (1, 15)], ""),
     ],
-    ids=["another order of the modes", "prior mean out of bounds", "nothing"],
+    ids=["another order of the modes", "prior mean out of bounds"],
 )
 def test_what_is_seen_of_the_first_solve_is_doubted(model, bounds, said):
     prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], bounds)
-    found = doubts(posterior_of(model=model, prior=prior), **DEMC)[1]
-    assert len(found) == bool(said) and all(re.search(said, text) for text in found)
-
-
-def test_modes_that_are_paired_may_cross():
-    """Two oscillators, of which the prior mean takes the other for the lower one."""
-    springs = {"a": (0, 1, 100.0), "b": (0, 2, 120.0)}
-    model = ef.MassSpringModel([1.0, 1.0], springs, shapes=True)
-    measured = np.sqrt([100.0, 120.0]) / (2 * np.pi)
-    test = ef.Measurements(measured, shapes=np.eye(2))
-    prior = ef.GaussianPrior(["a", "b"], [120.0, 100.0], 20.0, [(1.0, 300.0)] * 2)
-    terms = ef.FrequencyTerm(test, relative_sd=0.02)
-    paired = ef.PairedModel(model, test, candidates=2)
-    assert doubts(ef.LogPosterior(paired, terms, prior), **DEMC)[1] == []
+    (doubt,) = doubts(posterior_of(model=model, prior=prior), **DEMC)[1]
+    assert re.search(said, doubt)
 
 
 def test_the_first_solve_is_counted_once_and_changes_no_chain(tmp_path):
@@ -347,19 +358,14 @@ def test_parameters_that_follow_other_units_leave_the_fit_in_doubt(tmp_path):
     posterior, path = posterior_of(2 * np.pi * AT_MEAN, factors, FACTORS), tmp_path
     options = {**DEMC, "steps": 150, "backend": path / "run"}
     run, (doubt,) = doubts(posterior, **options)
-    ef.to_inference_data(run, discard=100).to_netcdf(path / "run.nc")
-    with pytest.warns(UserWarning, match="rad/s"):
-        population = ef.anneal(posterior, 100, seed=1)
-    for source in (
-        ef.to_inference_data(path / "run", posterior, 100),
-        az.from_netcdf(path / "run.nc"),
-        ef.to_inference_data(population, posterior),
-    ):
+    idata = ef.to_inference_data(run, discard=100)
+    idata.to_netcdf(path / "run.nc")
+    read = ef.to_inference_data(path / "run", posterior, 100)
+    for source in (idata, read, az.from_netcdf(path / "run.nc")):
         fit = ef.diagnose(source).fit
-        assert fit.status == "doubtful" and "2 of 2" in fit.sentence
-        assert doubt[:-1] in fit.sentence
-        said = ef.identifiability(source).findings
-        assert any(text.startswith("k1 is +12.") for text in said)
+        assert fit.status == "doubtful" and doubt[:-1] in fit.sentence
+    said = ef.identifiability(idata).findings
+    assert any(text.startswith("k1 is +12.") for text in said)
     alone = ef.diagnose(path / "run").fit  # without the posterior
     assert alone.status == "not checked" and doubt[:-1] in alone.sentence
 
@@ -394,19 +400,6 @@ def test_of_several_experiments_the_one_that_ignores_them_is_named():
     posterior = ef.LogPosterior.joint(tests, posterior_of().prior)
     (doubt,) = doubts(posterior, **DEMC)[1]
     assert doubt.startswith("loaded.model: ")
-
-
-def test_a_density_in_a_term_is_no_model_that_ignores_its_parameters():
-    """As targets of benchmarks have it; and without a likelihood there is a prior."""
-
-    def density(parameters, response):
-        return stats.norm(50, 1).logpdf(parameters["k1"])
-
-    model = ef.FunctionModel(ignored, n_modes=2)
-    posterior = ef.LogPosterior(model, density, posterior_of().prior)
-    for moves in (ef.DEMCMove(), "auto"):
-        assert doubts(posterior, moves=moves)[1] == []
-    ef.anneal(posterior, 40, seed=1)  # a warning would be an error
 
 
 @pytest.mark.parametrize(
