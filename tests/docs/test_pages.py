@@ -29,9 +29,7 @@ def test_a_page_of_code_is_a_script_with_its_command_and_its_checks(page):
         r"^# %%(.*)\n(?:(?!# %%).*\n)*?(?:\w+ = )?ef\.figures\.plot_", text, re.M
     )
     for options in plots:
-        assert '"alt": "' in options or "remove-" in options, (
-            "a figure without its text"
-        )
+        assert '"alt": "' in options or "remove-" in options, "no text of a figure"
 
 
 @pytest.mark.parametrize("page", SCRIPTS + TEXTS, ids=lambda p: p.stem)

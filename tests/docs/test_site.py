@@ -139,14 +139,12 @@ def test_every_page_of_code_offers_its_notebook():
 class Links(HTMLParser):
     def __init__(self, text):
         super().__init__()
-        self.targets, self.names, self.scripts = set(), set(), set()
+        self.targets, self.names = set(), set()
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
         given = dict(attributes)
         self.names |= {given.get("id"), given.get("name")}
-        if tag == "script" and given.get("src"):
-            self.scripts.add(given["src"])
         if tag == "a" and given.get("href"):
             self.targets.add(given["href"])
 

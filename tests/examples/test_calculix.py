@@ -30,11 +30,7 @@ DAT = """
 
      P A R T I C I P A T I O N   F A C T O R S
 
-MODE NO.   X-COMPONENT     Y-COMPONENT     Z-COMPONENT     X-ROTATION
-
       1   0.4810757E-13   0.1081082E+02   0.1619135E-08   0.5405412E+00
-      2   0.1073550E-06   0.1585033E-08   0.1093997E+02   0.4375988E+00
-      3   0.4810757E-13   0.1081082E+02   0.1619135E-08   0.5405412E+00
 """
 REJECT = {"ensembles": 1, "seed": 1, "on_failure": "reject"}
 HIGH = "0.9387354E+06   0.9688836E+03   0.1542026E+03"  # a sound row, out of order
@@ -70,7 +66,6 @@ def shell(script):
     ("old", "new", "message"),
     [
         (DAT, "", "one table of eigenvalues, got 0"),
-        (DAT[DAT.index("      3 ") :], "", r"modes 1 to 3, got \[1, 2\]"),
         ("0.8131771E+05", "*************", r"modes 1 to 3, got \[1, 2\]"),
         ("      2   0.56", "     12   0.56", r"modes 1 to 3, got \[1, 12, 3\]"),
         ("0.7536844E+02", "0.7536944E+02", "do not fit"),
@@ -87,16 +82,12 @@ def test_a_damaged_dat_file_is_refused(driver, old, new, message):
 
 
 @posix
-def test_a_job_has_a_folder_of_its_own_which_is_removed(driver, tmp_path, monkeypatch):
+def test_a_job_has_its_deck_and_one_thread(driver, tmp_path, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "8")
-    here, script = {"scratch": tmp_path}, "cat job.inp > job.dat; echo $OMP_NUM_THREADS"
-    with driver.finished_job("DECK", shell(script), **here) as first:
-        assert (first / "printed.txt").read_text() == "1\n"
-        assert first.parent == tmp_path and f"worker-{os.getpid()}-" in first.name
-        assert (first / "job.dat").read_text() == "DECK"
-        with driver.finished_job("DECK", shell("true"), **here) as second:
-            assert second != first and not (second / "job.dat").exists()
-    assert not list(tmp_path.iterdir())
+    script = shell("cat job.inp > job.dat; echo $OMP_NUM_THREADS")
+    with driver.finished_job("DECK", script, scratch=tmp_path) as folder:
+        assert (folder / "printed.txt").read_text() == "1\n"
+        assert (folder / "job.dat").read_text() == "DECK"
 
 
 @posix
@@ -119,6 +110,12 @@ def test_a_solve_that_fails_says_why_and_leaves_nothing(
         with driver.finished_job("", shell(script), limit, scratch=tmp_path) as folder:
             driver.read_frequencies((folder / "job.dat").read_text(), 1)
     assert not list(tmp_path.iterdir())
+
+
+def posterior_of(solve):
+    prior = ef.GaussianPrior(["k"], [1.0], [0.3], [(0.1, 2.0)])
+    term = ef.FrequencyTerm([6.8], sd=[0.1])
+    return ef.LogPosterior(ef.FunctionModel(solve, n_modes=1), term, prior)
 
 
 @posix
@@ -156,38 +153,6 @@ def test_a_machine_that_cannot_solve_rejects_no_point_but_stops_the_run(
 
 
 @posix
-def test_a_run_without_a_licence_goes_on_when_there_is_one(driver, tmp_path):
-    solves, free = tmp_path / "solves", tmp_path / "free"
-    script = f"""echo >> {shlex.quote(str(solves))}
-        [ $(wc -l < {shlex.quote(str(solves))}) -lt 20 ] && exit 0
-        [ -e {shlex.quote(str(free))} ] || {{ echo No license; exit 1; }}"""
-
-    def solve(p):
-        with driver.finished_job("", shell(script), patience=0.0):
-            return [6.8 * np.sqrt(p["k"])]
-
-    def chain(function, backend=None):
-        stored = {"backend": backend, "resume": backend is not None}
-        run = ef.run(posterior_of(function), ef.DEMCMove(), 8, 4, **REJECT, **stored)
-        assert not run.failures.causes
-        return run[0].get_chain()
-
-    with pytest.raises(driver.Unavailable, match="no licence"):
-        chain(solve, tmp_path / "run.chain")
-    free.touch()
-    expected = chain(lambda p: [6.8 * np.sqrt(p["k"])])
-    np.testing.assert_array_equal(chain(solve, tmp_path / "run.chain"), expected)
-    # Starts and a generation were kept; 16 solves check that the model is the same.
-    assert solves.read_text().count("\n") < 20 + 16 + 3 * 8
-
-
-def posterior_of(solve):
-    prior = ef.GaussianPrior(["k"], [1.0], [0.3], [(0.1, 2.0)])
-    term = ef.FrequencyTerm([6.8], sd=[0.1])
-    return ef.LogPosterior(ef.FunctionModel(solve, n_modes=1), term, prior)
-
-
-@posix
 @pytest.mark.parametrize("workers", [None, pytest.param(2, marks=inherits)])
 def test_every_solve_has_its_folder_and_those_that_fail_are_rejected(
     driver, tmp_path, workers
@@ -213,10 +178,8 @@ def test_every_solve_has_its_folder_and_those_that_fail_are_rejected(
     folders = (tmp_path / "folders").read_text().split()
     assert len(set(folders)) == len(folders) > causes.total()
     processes = {re.search(r"worker-(\d+)-", folder)[1] for folder in folders}
-    if workers is None:
-        assert processes == {str(os.getpid())}
-    else:
-        assert len(processes) == 2 and str(os.getpid()) not in processes
+    assert len(processes) == (workers or 1)
+    assert (str(os.getpid()) in processes) == (workers is None)
     assert not list(scratch.iterdir())
 
 
