@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
-from support.gradients import MEASURED, SHAPES, Derived, modes, numerical
+from support.gradients import MEASURED, SHAPES, Derived, numerical
 
 import emcee_femu as ef
 
@@ -107,21 +107,3 @@ def test_the_information_is_fishers_of_the_deviations(term):
     information = posterior.linearize(THETA).information
     scale = np.abs(expected).max()
     assert_allclose(information, expected, rtol=1e-6, atol=1e-6 * scale)
-
-
-def test_fisher_information_is_the_mean_square_of_the_gradient():
-    """Over data drawn from the model; the shape of each mode has three ways to err."""
-    rng, delta, n = np.random.default_rng(3), 0.01, 150
-    theta = np.array([[*THETA[0, :2], delta]])
-    truth = modes(*theta[:, :2].T)[1][0]
-    truth /= np.linalg.norm(truth, axis=0)
-    gradients = []
-    for _ in range(n):
-        noisy = truth + delta * rng.standard_normal(truth.shape)
-        term = ef.ShapeTerm(noisy, discrepancy="s")
-        gradients.append(posterior_of(term).gradient(theta)[1][0])
-    squares = np.einsum("ni,nj->nij", gradients, gradients)
-    exact = posterior_of(ef.ShapeTerm(truth, discrepancy="s")).linearize(theta)
-    error = (squares.mean(axis=0) - exact.information[0]) / squares.std(axis=0)
-    assert (np.abs(error) * np.sqrt(n) < 5).all()
-    assert exact.information[0, 2, 2] == pytest.approx(2 * 9 / delta**2)

@@ -197,10 +197,7 @@ def test_universal_files(tmp_path, signs):
     np.testing.assert_allclose(found.values, H, rtol=1e-4)
     np.testing.assert_allclose(found.coherence, COHERENCE, rtol=1e-4)
     assert ef.frf.FRFMeasurements.from_uff(path).coherence is None
-    for given, message in (((1, 2), None), ((5, 6), "no line between 5 and 6 Hz")):
-        if message is None:
-            part = ef.frf.FRFMeasurements.from_uff(path, between=given)
-            np.testing.assert_allclose(part.values, H[:, :2], rtol=1e-4)
-            continue
-        with pytest.raises(ValueError, match=message):
-            ef.frf.FRFMeasurements.from_uff(path, between=given)
+    part = ef.frf.FRFMeasurements.from_uff(path, between=(1, 2))
+    np.testing.assert_allclose(part.values, H[:, :2], rtol=1e-4)
+    with pytest.raises(ValueError, match="no line between 5 and 6 Hz"):
+        ef.frf.FRFMeasurements.from_uff(path, between=(5, 6))

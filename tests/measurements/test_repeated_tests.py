@@ -14,19 +14,6 @@ def campaign(n):
     return RNG.multivariate_normal(F, COVARIANCE, n)
 
 
-@pytest.mark.parametrize("n_tests", [5, 80])
-def test_more_repeats_do_not_narrow_the_covariance(n_tests):
-    # The mean over many campaigns is the covariance of one test, whatever their size.
-    found = [
-        Measurements.from_repeats(campaign(n_tests)).covariance for _ in range(300)
-    ]
-    variance = np.diag(COVARIANCE)
-    # Wishart: var C_ij = (S_ij^2 + S_ii S_jj) / (N - 1)
-    error = np.sqrt((COVARIANCE**2 + np.outer(variance, variance)) / (n_tests - 1))
-    z = (np.mean(found, axis=0) - COVARIANCE) / (error / np.sqrt(300))
-    assert np.abs(z).max() < 4
-
-
 @pytest.mark.parametrize("kind", ["real", "complex"])
 def test_sign_phase_and_scale_of_a_test_do_not_matter(kind):
     noisy = SHAPES + 0.05 * RNG.standard_normal((6, 4, 3))

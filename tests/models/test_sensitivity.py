@@ -128,38 +128,6 @@ def test_derivatives_are_those_of_differences(case):
     assert_jacobian(model, parameters, step)
 
 
-# --- closed forms
-
-
-@pytest.mark.parametrize("kind", [np.asarray, sparse.csc_array])
-def test_a_uniform_chain_in_closed_form(kind):
-    # Eigenvalues change by the square of a spring's stretch, and by -lambda phi^2 of a
-    # mass; all masses together scale the shapes.
-    n, modes = 25, 4
-    K = {name: kind(unit) for name, unit in chain(n).items()}
-    own = {name: kind(unit) for name, unit in masses(n).items()}
-    M = own | {"all": kind(np.eye(n))}
-    zero = kind(np.zeros((n, n)))
-    model = MatrixModel(zero, zero, K, M, n_modes=modes, shapes=True)
-    p = {name: np.array([100.0]) for name in K}
-    p |= {name: np.array([0.5]) for name in own} | {"all": np.array([1.5])}
-    number = (2 * np.arange(1, modes + 1) - 1) * np.pi / (2 * n + 1)
-    phi = np.sin(np.outer(np.arange(n + 1), number)) * 2 / np.sqrt(2 * (2 * n + 1))
-    eigenvalues = 200 * np.sin(number / 2) ** 2
-    response, derivatives = model.jacobian(p)
-    f = np.sqrt(eigenvalues) / (2 * np.pi)
-    np.testing.assert_allclose(response.frequency[0], f, rtol=1e-9)
-    for i in range(1, n + 1):
-        stretch = (phi[i] - phi[i - 1]) ** 2 / (8 * np.pi**2 * f)
-        got = derivatives["frequency"][f"k{i}"][0]
-        np.testing.assert_allclose(got, stretch, rtol=1e-7, atol=1e-9 * stretch.max())
-        inertia = -eigenvalues * phi[i] ** 2 / (8 * np.pi**2 * f)
-        got = derivatives["frequency"][f"m{i}"][0]
-        np.testing.assert_allclose(got, inertia, rtol=1e-7, atol=1e-14)
-    got = derivatives["shapes"]["all"]
-    np.testing.assert_allclose(got, -response.shapes / (2 * 2.0), atol=1e-9)
-
-
 # --- modes that coincide
 
 

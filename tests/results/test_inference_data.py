@@ -179,16 +179,6 @@ def test_a_plain_emcee_sampler_and_its_backend_are_converted():
     assert attrs["moves"].startswith("1 x StretchMove(")
 
 
-def test_arviz_judges_and_plots_the_result(idata):
-    assert list(az.summary(idata).index) == NAMES
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # 600 draws of a short chain
-        ranking = az.compare({"one": idata, "other": idata})
-        assert az.loo(idata).n_data_points == len(DATA) and len(ranking) == 2
-    az.plot_trace(idata, var_names=NAMES[:2])
-    assert plt.get_fignums()
-
-
 def test_the_prior_predicts_new_measurements(runs):
     """Those of the model at its first draws, with the error of the test."""
     count = 400
@@ -207,14 +197,12 @@ def test_the_prior_predicts_new_measurements(runs):
         ef.to_inference_data(runs, prior_predictive=count), "prior_predictive"
     )
     assert beside["frequency"].equals(predicted)
-    if az.__version__ < "1":
-        az.plot_ppc(before, group="prior", num_pp_samples=9)
-    else:
-        az.plot_ppc_dist(before, group="prior_predictive", num_samples=9)
+
+
+def test_arviz_takes_the_result_and_compares_each_datum_of_a_term(runs, idata):
+    assert list(az.summary(idata).index) == NAMES
+    az.plot_trace(idata, var_names=NAMES[:2])
     assert plt.get_fignums()
-
-
-def test_arviz_compares_each_datum_of_a_term_with_the_others(runs, idata):
     one = ef.to_inference_data(runs, discard=4, term="frequency")
     likelihood = dataset(one, "log_likelihood")["frequency"]
     whole = dataset(idata, "log_likelihood")["data"].values
@@ -222,44 +210,13 @@ def test_arviz_compares_each_datum_of_a_term_with_the_others(runs, idata):
     new = dataset(one, "posterior_predictive")["frequency"]
     assert new.dims == likelihood.dims and new.shape == likelihood.shape
     old = az.__version__ < "1"
-    options = {"y" if old else "var_names": "frequency"}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # 600 draws of a short chain
-        shares = az.loo_pit(one, **options)
-        az.plot_loo_pit(one, **options)
+        ranking = az.compare({"one": idata, "other": idata})
+        assert az.loo(idata).n_data_points == len(DATA) and len(ranking) == 2
+        shares = az.loo_pit(one, **{"y" if old else "var_names": "frequency"})
     values = shares if old else shares["frequency"].values
     assert values.shape == (2,) and ((values > 0) & (values < 1)).all()
-    az.plot_forest(one, combined=True)
-    assert len(plt.get_fignums()) >= 2
-    for source, options in (
-        (runs, {"term": "ridge"}),
-        (runs, {"term": "stiff"}),
-        (idata, {"term": "frequency"}),
-    ):
-        with pytest.raises(ValueError, match="term"):
-            ef.to_inference_data(source, **options)
-    with pytest.raises(TypeError, match="posterior"):
-        ef.to_inference_data(idata, prior_predictive=3)
-    with pytest.raises(ValueError, match="discard"):  # of a posterior without samples
-        ef.to_inference_data(POSTERIOR, discard=10)
-    with pytest.raises(ValueError, match="prior_predictive"):
-        ef.to_inference_data(POSTERIOR, prior_predictive=1_001)
-    bare = ef.LogPosterior.from_function(lambda x: -(x @ x), {"a": (-1, 1)})
-    with pytest.raises(ValueError, match="prior_predictive"):
-        ef.to_inference_data(bare, prior_predictive=10)
-
-
-@pytest.mark.parametrize("plain", [True, False])
-def test_parameters_of_a_plain_sampler_are_named(plain):
-    sampler = emcee.EnsembleSampler(8, 2, lambda x: -0.5 * float(x @ x))
-    sampler.run_mcmc(np.random.default_rng(1).normal(size=(8, 2)), 10)
-    source = sampler if plain else sampler.backend
-    idata = ef.to_inference_data(source, discard=5, names=["k", "m"])
-    assert dataset(idata, "posterior").attrs["sampled"] == ["k", "m"]
-    expected = sampler.get_chain(discard=5)[:, 3, 1]
-    assert_array_equal(dataset(idata, "posterior")["m"].values[3], expected)
-    with pytest.raises(ValueError, match="^names"):
-        ef.to_inference_data(idata, names=["k", "m"])  # it has them already
 
 
 def test_netcdf_round_trip_keeps_every_number_and_the_tables(idata, tmp_path):
@@ -275,8 +232,6 @@ def test_netcdf_round_trip_keeps_every_number_and_the_tables(idata, tmp_path):
     tables = [ef.frequency_table(each, POSTERIOR) for each in (again, idata)]
     for column in tables[0].columns[1:]:
         assert_allclose(*(table.column(column) for table in tables), rtol=1e-9)
-    if hasattr(again, "close"):
-        again.close()
 
 
 def finished(n=3, n_modes=MODES, steps=3):
@@ -286,15 +241,25 @@ def finished(n=3, n_modes=MODES, steps=3):
     return list(ef.run(posterior, ef.DEMCMove(), WALKERS, steps, seed=1, ensembles=1))
 
 
-def test_what_is_of_no_one_shape_is_refused_but_a_length_is_cut(runs):
-    for source, message in (
-        (finished() + finished(2), "source"),
-        (finished(3, 3), r"\(5,\) .*\(7,\)"),
+def test_what_is_of_no_one_shape_or_not_there_is_refused_but_a_length_is_cut(
+    runs, idata
+):
+    bare = ef.LogPosterior.from_function(lambda x: -(x @ x), {"a": (-1, 1)})
+    for source, options, message in (
+        (finished() + finished(2), {"posterior": POSTERIOR}, "source"),
+        (finished(3, 3), {"posterior": POSTERIOR}, r"\(5,\) .*\(7,\)"),
+        (runs, {"discard": STEPS}, "^discard"),
+        (POSTERIOR, {"discard": 10}, "no samples.*discard"),
+        (runs, {"term": "ridge"}, "^term"),
+        (runs, {"term": "stiff"}, "^term"),
+        (idata, {"term": "frequency"}, "term"),
+        (idata, {"names": NAMES}, "^names"),  # it has them already
+        (idata, {"prior_predictive": 3}, "^posterior"),
+        (POSTERIOR, {"prior_predictive": 1_001}, "^prior_predictive"),
+        (bare, {"prior_predictive": 10}, "prior_predictive"),
     ):
-        with pytest.raises(ValueError, match=message):
-            ef.to_inference_data(source, POSTERIOR)
-    with pytest.raises(ValueError, match="^discard"):
-        ef.to_inference_data(runs, discard=STEPS)
+        with pytest.raises((TypeError, ValueError), match=message):
+            ef.to_inference_data(source, **options)
     both = ef.to_inference_data(finished() + finished(steps=5))
     assert dict(both["posterior"].sizes) == {"chain": 2 * WALKERS, "draw": 3}
 
@@ -325,12 +290,16 @@ def test_blobs_of_any_sampler_are_kept(function, dtype, names, tmp_path):
         assert_allclose(kept[name].values.reshape(np.shape(values)), values)
 
 
-def test_blobs_that_no_file_can_hold_are_named():
+def test_parameters_are_named_and_so_are_blobs_that_no_file_can_hold():
     sampler = emcee.EnsembleSampler(8, 2, lambda x: (-0.5 * x @ x, {"x": x}))
     sampler.run_mcmc(np.random.default_rng(1).normal(size=(8, 2)), 12)
-    with pytest.warns(UserWarning, match="blob"):
-        idata = ef.to_inference_data(sampler, names=["a", "b"])
-    assert [*dataset(idata, "posterior")] == ["a", "b"]
+    for source in (sampler, sampler.backend):
+        with pytest.warns(UserWarning, match="blob"):
+            idata = ef.to_inference_data(source, discard=5, names=["a", "b"])
+        found = dataset(idata, "posterior")
+        assert [*found] == found.attrs["sampled"] == ["a", "b"]
+        expected = sampler.get_chain(discard=5)[:, 3, 1]
+        assert_array_equal(found["b"].values[3], expected)
 
 
 SHAPES = np.linalg.qr(np.random.default_rng(0).standard_normal((5, 5)))[0]
@@ -367,9 +336,6 @@ def test_terms_on_different_numbers_of_modes_stay_apart(terms, prefix):
         assert not any(v.isnull().any() for v in dataset(idata, group).values())
     measured = [*terms[0].measured, *terms[1].measured]
     assert ef.predictive_table(idata, target).column("measured") == measured
-    panels = ef.figures.plot_predictive(idata, target).axes
-    ticks = [len(axes.get_xticks()) for axes in panels]
-    assert ticks == [len(term.measured) for term in terms]
 
 
 def test_a_shape_term_may_compare_fewer_modes_than_are_paired():

@@ -305,13 +305,3 @@ def test_standard_deviations_that_are_not_known_are_not_converged():
     needed = 1.25 * 800 * (found.sd_error[1] / 0.1) ** 2
     assert needed > 1.1 * 1.25 * 800 * 50 / found.steps_per_tau.min()
     assert needed <= steps <= 1.1 * needed
-
-
-def test_the_error_of_a_standard_deviation_is_its_scatter():
-    """Of an autoregressive chain squares forget by phi^2."""
-    phi, steps, runs = 0.7, 500, 40
-    chains = np.stack([ar1([phi], steps, 8, seed) for seed in range(runs)])
-    claimed = np.mean([ef.diagnose(backend(c)).sd_error[0] for c in chains[:4]])
-    exact = np.sqrt((1 + phi**2) / (1 - phi**2) / (2 * 8 * steps))
-    assert_allclose(claimed, exact, rtol=0.1)
-    assert_allclose(np.std(chains.std(axis=(1, 2, 3))), exact, rtol=4 / np.sqrt(80))
