@@ -1,11 +1,10 @@
 """Nastran: every layout of OUTPUT4 as text and of DMIG, and files of many matrices."""
 
-import re
 import warnings
 
 import numpy as np
 import pytest
-from support.exports import cantilever, write_dmig
+from support.exports import cantilever, op4, write_dmig
 
 import emcee_femu as ef
 
@@ -13,37 +12,6 @@ A = np.diag([2.0, 3e5, 4.0, 5.0, 6.0, 7.0, 8.0])
 A[0, 3:] = A[3:, 0] = -1.5, -1.25e-102, 1 / 3, -1.0  # two strings in a column
 A[1, 2] = A[2, 1] = -0.5
 LOAD, SKEW, SMALL = A[:, :2], A + np.triu(A, 1), A[:3, :3]
-
-
-def cell(x, told):
-    """Write a number as Fortran does: no E beside three digits of an exponent."""
-    width, digits = (23, 16) if "23.16" in told else (16, 9)
-    number = re.sub(r"E(?=[-+]\d{3}$)", "", f"{x:.{digits}E}")
-    return (number.replace("E", "D") if "D" in told else number).rjust(width)
-
-
-def op4(name, B, layout="dense", told="1P,3E23.16", kind=2):
-    """Return a matrix as OUTPUT4 writes it FORMATTED."""
-    n, words, wide = B.shape[1], 2 - kind % 2, 16 if layout == "bigmat 64" else 8
-    rows = -len(B) if "bigmat" in layout else len(B)
-    text = f"{n:{wide}d}{rows:{wide}d}{6:8d}{kind:8d}{name:8s}{told}\n"
-    for j, column in enumerate(B.T, 1):
-        there, body, total = np.flatnonzero(column), "", 0
-        strings = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)
-        if layout == "dense":
-            strings = [np.arange(there[0], there[-1] + 1)]
-        for s in strings:
-            L, row = words * len(s) + 1, s[0] + 1
-            heads = {"dense": [], "sparse": [row + 65536 * L]}
-            head = heads.get(layout, [L, row])
-            total += L - 1 + len(head)
-            body += "".join(f"{x:{wide + 4}d}" for x in head) + "\n" * bool(head)
-            per = 80 // len(cell(1.0, told))
-            for k in range(0, len(s), per):
-                body += "".join(cell(x, told) for x in column[s[k : k + per]]) + "\n"
-        first = there[0] + 1 if layout == "dense" else 0
-        text += f"{j:{wide}d}{first:{wide}d}{total:{wide}d}\n{body}"
-    return text + f"{n + 1:{wide}d}{1:{wide}d}{1:{wide}d}\n{cell(1.0, told)}\n"
 
 
 @pytest.mark.parametrize("layout", ["dense", "sparse", "bigmat", "bigmat 64"])

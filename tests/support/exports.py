@@ -1,5 +1,6 @@
 """A beam as FE programs export it, and its closed form."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -102,31 +103,32 @@ def write_dmig(path, K, M, dofs):
     return Path(path)
 
 
-def write_op4(path, form, **matrices):
-    """Write ASCII OUTPUT4: form is dense, sparse (strings) or bigmat."""
-    lines = []
-    for name, A in matrices.items():
-        n, rows = A.shape[1], -len(A) if form == "bigmat" else len(A)
-        lines.append(f"{n:8d}{rows:8d}{6:8d}{2:8d}{name:8s}1P,3E23.16\n")
-        for j, column in enumerate(A.T, 1):
-            there = np.flatnonzero(column)
-            if form == "dense":
-                strings = [np.arange(there[0], there[-1] + 1)]
-                lines.append(f"{j:8d}{there[0] + 1:8d}{2 * len(strings[0]):8d}\n")
-            else:
-                strings = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)
-                extra = 2 if form == "bigmat" else 1
-                words = sum(2 * len(s) + extra for s in strings)
-                lines.append(f"{j:8d}{0:8d}{words:8d}\n")
-            for s in strings:
-                L = 2 * len(s) + 1
-                if form == "bigmat":
-                    lines.append(f"{L:8d}{s[0] + 1:8d}\n")
-                elif form == "sparse":
-                    lines.append(f"{s[0] + 1 + 65536 * L:12d}\n")
-                cells = [f"{x:23.16E}" for x in column[s]]
-                triples = ["".join(cells[k : k + 3]) for k in range(0, len(cells), 3)]
-                lines += [triple + "\n" for triple in triples]
-        lines += [f"{n + 1:8d}{1:8d}{1:8d}\n", f"{1.0:23.16E}\n"]
-    Path(path).write_text("".join(lines), encoding="utf-8")
-    return Path(path)
+def cell(x, told):
+    """Write a number as Fortran does: no E beside three digits of an exponent."""
+    width, digits = (23, 16) if "23.16" in told else (16, 9)
+    number = re.sub(r"E(?=[-+]\d{3}$)", "", f"{x:.{digits}E}")
+    return (number.replace("E", "D") if "D" in told else number).rjust(width)
+
+
+def op4(name, B, layout="dense", told="1P,3E23.16", kind=2):
+    """Return a matrix as OUTPUT4 writes it FORMATTED."""
+    n, words, wide = B.shape[1], 2 - kind % 2, 16 if layout == "bigmat 64" else 8
+    rows = -len(B) if "bigmat" in layout else len(B)
+    text = f"{n:{wide}d}{rows:{wide}d}{6:8d}{kind:8d}{name:8s}{told}\n"
+    for j, column in enumerate(B.T, 1):
+        there, body, total = np.flatnonzero(column), "", 0
+        strings = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)
+        if layout == "dense":
+            strings = [np.arange(there[0], there[-1] + 1)]
+        for s in strings:
+            L, row = words * len(s) + 1, s[0] + 1
+            heads = {"dense": [], "sparse": [row + 65536 * L]}
+            head = heads.get(layout, [L, row])
+            total += L - 1 + len(head)
+            body += "".join(f"{x:{wide + 4}d}" for x in head) + "\n" * bool(head)
+            per = 80 // len(cell(1.0, told))
+            for k in range(0, len(s), per):
+                body += "".join(cell(x, told) for x in column[s[k : k + per]]) + "\n"
+        first = there[0] + 1 if layout == "dense" else 0
+        text += f"{j:{wide}d}{first:{wide}d}{total:{wide}d}\n{body}"
+    return text + f"{n + 1:{wide}d}{1:{wide}d}{1:{wide}d}\n{cell(1.0, told)}\n"
