@@ -82,16 +82,6 @@ def test_static_models_take_them():
     assert_jacobian(static, at)
 
 
-@pytest.mark.filterwarnings("ignore:the reduction does not pay")  # of 12 DOFs
-def test_reduced_models_take_them():
-    full = plate(sparse.csc_array, shapes=[3])
-    bounds = {name: (0.4, 2.2) for name in full.names}
-    reduced = ef.reduce_model(full, bounds, 1e-6, test_points=6)
-    expected = full(arrays(AT)).frequencies
-    np.testing.assert_allclose(reduced(AT).frequencies, expected, rtol=1e-6)
-    assert_jacobian(reduced, arrays(AT))
-
-
 def test_the_flexibility_of_frfs_takes_them():
     options = {"damping": 0.01, "residual": True}
     frf = ef.frf.FRFModel(plate(shapes=True), [0.01, 0.02], [(2, 5)], **options)

@@ -67,18 +67,6 @@ def test_frequencies_and_shapes_agree_with_scipy(case, shapes):
             np.testing.assert_allclose(phi * signs, exact, atol=1e-10, rtol=0)
 
 
-@pytest.mark.parametrize("n", [2, 5, 30])
-@pytest.mark.parametrize("mass_varies", [False, True])
-def test_a_free_chain_skips_its_rigid_body_mode(n, mass_varies):
-    K0, M0 = np.zeros((n, n)), np.zeros((n, n)) if mass_varies else np.eye(n)
-    M = {"m": np.eye(n)} if mass_varies else {}
-    model = MatrixModel(K0, M0, {"k": free_chain(n)}, M, n_modes=n - 1, skip=1)
-    k, m = np.array([1.0, 900.0]), np.array([1.0, 2.5] if mass_varies else [1.0, 1.0])
-    omega = 2 * np.sin(np.arange(1, n) * np.pi / (2 * n)) * np.sqrt(k / m)[:, None]
-    frequencies = model({"k": k, "m": m}).frequencies
-    np.testing.assert_allclose(frequencies, omega / (2 * np.pi), rtol=1e-11)
-
-
 def test_the_model_says_what_it_reads_and_returns():
     K0, M0, K, M = matrices("a name in both K and M")
     model = MatrixModel(K0, M0, K, M, n_modes=np.int64(3))

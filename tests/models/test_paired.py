@@ -131,19 +131,6 @@ def test_a_mode_without_a_pair_costs_a_finite_penalty():
 # --- what was wrong in 0.1.0
 
 
-def test_the_likelihood_has_no_step_where_modes_come_near():
-    test = Measurements([10.0, 10.2], sd=[0.1, 0.1], shapes=np.eye(2))
-    term = ShapeTerm(test, delta=0.05)
-    alone, values = np.cos(np.radians(20)) ** 2, []
-    for gap in np.linspace(0.005, 0.025, 101):  # half the least gap of 2 %, and past it
-        model = Fixed([10.0, 10.0 * (1 + gap)], turned(np.radians(20))[None])
-        paired = PairedModel(model, test, candidates=2)({})
-        values.append(term({}, paired)[0])
-        assert alone - 1e-12 <= paired.mac.min() <= paired.mac.max() <= 1 + 1e-12
-    assert values[0] - values[-1] > 40  # from the space of both to each mode's own
-    assert np.abs(np.diff(values)).max() < 5  # it fell by 46.8 from 1.999 to 2.001 %
-
-
 def test_where_sharing_fades_the_shape_is_weighted_by_the_weakest_link():
     """Three modes at two equal gaps, half-way: each neighbour counts by a half."""
     measured, weights = np.array([0.9, 0.3, 0.3]), np.array([1.0, 0.5, 0.5])

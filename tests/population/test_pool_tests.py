@@ -104,16 +104,14 @@ def test_few_effective_draws_with_a_heavy_tail_are_out_of_reach(pooled):
     assert found.unreached == ("test 4",) and "test 4" in found.conclusion
 
 
-def test_the_figures_show_each_test_twice_and_the_population(pooled):
+def test_the_figures_show_each_test_and_the_population(pooled):
     found, _ = pooled
-    figure = ef.figures.plot_population(found)
-    grey, blue = figure.axes[1].collections[:2]
+    grey, blue = ef.figures.plot_population(found).axes[1].collections[:2]
     alone, together = (np.array(c.get_segments())[:, :, 0] for c in (grey, blue))
     assert np.ptp(alone, axis=1).mean() > np.ptp(together, axis=1).mean()
     expected = np.quantile(found.theta[:, 0, 1], [0.025, 0.975])
     np.testing.assert_allclose(together[0], expected)
-    along = ef.figures.plot_population(found, "T")
-    line = along.axes[0].lines[0]
+    line = ef.figures.plot_population(found, "T").axes[0].lines[0]
     slope = np.polyfit(*line.get_data(), 1)[0]
     assert slope == pytest.approx(found.hyperdraws["k1 per T"].mean(), rel=0.05)
 

@@ -263,22 +263,6 @@ def test_a_sharp_posterior_is_reached_in_stages():
 # --- logarithms and coordinates -----------------------------------------------------
 
 
-@SLOW
-def test_frequencies_that_are_powers_of_parameters_are_exact_after_a_design():
-    """Their logarithms are straight lines, those of a bar, say."""
-
-    def bar(p):
-        return [30.0 * p["E"] ** 0.5 / p["L"], 70.0 * p["E"] ** 0.4 * p["L"] ** -2.0]
-
-    prior = ef.IndependentPrior({"E": (1.0, 4.0), "L": (0.5, 2.0)})
-    term = ef.FrequencyTerm([40.0, 120.0], relative_sd=0.01)
-    posterior = ef.LogPosterior(ef.FunctionModel(bar, n_modes=2), term, prior)
-    emulated = ef.emulate(posterior, 10, seed=1)
-    theta = dict(zip("EL", prior.sample(np.random.default_rng(1), 200).T, strict=True))
-    assert_allclose(emulated(theta).frequencies, np.transpose(bar(theta)), rtol=1e-4)
-    assert "logarithms of E, L" in unwrapped(emulated)
-
-
 @pytest.mark.parametrize("function", [np.log, pytest.param(np.array, marks=SLOW)])
 def test_logarithms_are_taken_where_they_leave_smaller_errors(function):
     """Of values and derivatives."""
