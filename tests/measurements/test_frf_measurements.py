@@ -87,23 +87,6 @@ def write(path, *, signs=(1, 1), **changes):
     return path
 
 
-def test_a_direction_against_the_axis_turns_the_sign():
-    channels = [("4:-x", "7:z"), ("12:-y", "7:-z")]
-    found = ef.frf.FRFMeasurements(LINES, H, channels, kind="mobility")
-    assert found.channels == tuple(map(tuple, CHANNELS))
-    np.testing.assert_array_equal(found.values, H * [[-1], [1]])
-
-
-@pytest.mark.parametrize("spacing", [0, 1])
-@pytest.mark.parametrize("single", [True, False])
-def test_every_form_of_text(tmp_path, spacing, single):
-    form = {"ord_data_type": 5 if single else 6, "abscissa_spacing": spacing}
-    path = write(tmp_path / "frf.uff", **form)
-    found = ef.frf.FRFMeasurements.from_uff(path, between=(1.5, 3.0))
-    np.testing.assert_allclose(found.lines, LINES[1:], rtol=1e-5)
-    np.testing.assert_allclose(found.values, H[:, 1:], rtol=1e-5 if single else 1e-10)
-
-
 @pytest.mark.parametrize("number", ["<c8", ">c8", "<c16", ">c16"])
 def test_every_form_of_binary_data(tmp_path, number):
     """Made from text: the header has a line more of fields, and numbers follow."""
@@ -187,17 +170,23 @@ def test_a_function_that_is_not_read_is_named(tmp_path, old, new, message):
         ef.frf.FRFMeasurements.from_uff(path)
 
 
+@pytest.mark.parametrize("spacing", [0, 1])
+@pytest.mark.parametrize("double", [False, True])
 @pytest.mark.parametrize("signs", [(1, 1), (-1, 1)])
-def test_universal_files(tmp_path, signs):
-    path = write(tmp_path / "frf.uff", signs=signs)
-    found = ef.frf.FRFMeasurements.from_uff(path, averages=50)
+def test_universal_files_of_every_form_of_text(tmp_path, signs, double, spacing):
+    """A direction against its axis turns the sign."""
+    form = {"ord_data_type": 6 if double else 5, "abscissa_spacing": spacing}
+    path = write(tmp_path / "frf.uff", signs=signs, **form)
+    found = ef.frf.FRFMeasurements.from_uff(path)
     assert found.channels == tuple(map(tuple, CHANNELS))
-    assert (found.kind, found.averages) == ("accelerance", 50)
-    np.testing.assert_allclose(found.lines, LINES)
-    np.testing.assert_allclose(found.values, H, rtol=1e-4)
-    np.testing.assert_allclose(found.coherence, COHERENCE, rtol=1e-4)
-    assert ef.frf.FRFMeasurements.from_uff(path).coherence is None
+    assert found.kind == "accelerance" and found.coherence is None
+    np.testing.assert_allclose(found.lines, LINES, rtol=1e-5)
+    np.testing.assert_allclose(found.values, H, rtol=1e-10 if double else 1e-5)
     part = ef.frf.FRFMeasurements.from_uff(path, between=(1, 2))
-    np.testing.assert_allclose(part.values, H[:, :2], rtol=1e-4)
+    np.testing.assert_array_equal(part.values, found.values[:, :2])
     with pytest.raises(ValueError, match="no line between 5 and 6 Hz"):
         ef.frf.FRFMeasurements.from_uff(path, between=(5, 6))
+    if double:  # as write has the coherences, which are read if they are of use
+        known = ef.frf.FRFMeasurements.from_uff(path, averages=50)
+        np.testing.assert_allclose(known.coherence, COHERENCE, rtol=1e-10)
+        assert known.averages == 50

@@ -33,24 +33,6 @@ def test_sign_phase_and_scale_of_a_test_do_not_matter(kind):
     assert (turned.phase_collinearity < 1).all() == (kind == "complex")
 
 
-@pytest.mark.parametrize("kind", ["real", "complex"])
-def test_scatter_of_unit_shapes_is_the_sensor_noise_across_the_shape(kind):
-    # To first order scaling to unit length removes the noise along the shape:
-    # cov = noise^2 (I - phi phi^T), so that var_s = noise^2 (1 - phi_s^2).
-    noise, n = 0.01, 4_000
-    errors = RNG.standard_normal((n, 4, 3)) * noise
-    if kind == "complex":  # the noise of the imaginary part is not that of the real one
-        errors = errors + 2j * noise * RNG.standard_normal((n, 4, 3))
-        turn = np.exp(2j * np.pi * RNG.random((n, 1, 3)))
-    else:
-        turn = RNG.choice([-1.0, 1.0], (n, 1, 3))
-    m = Measurements.from_repeats(campaign(n), (UNIT + errors) * turn)
-    expected = noise * np.sqrt(1 - UNIT**2)
-    np.testing.assert_allclose(m.shape_sd, expected, rtol=0.05)  # 4.5 standard errors
-    signs = np.sign((m.shapes * UNIT).sum(axis=0))
-    np.testing.assert_allclose(m.shapes * signs, UNIT, rtol=0, atol=0.002)
-
-
 def test_mean_and_scatter_are_those_of_the_tests_that_found_a_mode():
     f, shapes = campaign(6), SHAPES + 0.05 * RNG.standard_normal((6, 4, 3))
     f[[1, 4], 1] = np.nan
