@@ -35,17 +35,6 @@ def turned(angle):
     return np.array([[c, -s], [s, c]])
 
 
-def test_modes_are_put_in_the_order_of_the_measured_ones():
-    shapes, order = random_shapes(3, 1, 8, 6), [4, 0, 2]
-    test = Measurements([1.0, 2.0, 3.0], shapes=-0.5 * shapes[0][:, order])
-    paired = PairedModel(Fixed(np.arange(1.0, 7.0), shapes), test)({})
-    np.testing.assert_array_equal(paired.frequencies, [[5.0, 1.0, 3.0]])
-    np.testing.assert_array_equal(paired.model_mode, [[5, 1, 3]])
-    np.testing.assert_allclose(paired.mac, 1.0, rtol=1e-12)
-    np.testing.assert_array_equal(paired.shapes, shapes[:, :, order])
-    assert not paired.unpaired.any()
-
-
 def test_close_modes_share_their_space_at_the_sensors_that_a_mode_has():
     """As if the sensors that one of the measured modes lacks were no sensors."""
     shapes = random_shapes(5, 1, 8, 4)
@@ -73,6 +62,8 @@ def test_the_pairs_are_the_best_of_all_one_to_one_choices():
         score = mac(measured, shapes[row])
         best = choices[score[range(3), choices].sum(axis=1).argmax()]
         np.testing.assert_array_equal(pairing.model_mode[row], best + 1)
+        np.testing.assert_array_equal(pairing.frequencies[row], best + 1)
+        np.testing.assert_array_equal(pairing.shapes[row], shapes[row][:, best])
         np.testing.assert_allclose(pairing.mac[row], score[range(3), best], rtol=1e-9)
         greedy += (score.argmax(axis=1) != best).any()
     assert greedy  # some needed more than the maximum
