@@ -86,16 +86,6 @@ def test_a_node_that_became_several_is_chosen_by_row(tmp_path):
     assert read.dofs("27:uz") == 14
 
 
-def test_a_test_names_its_sensors_and_the_model_has_them_by_name(beam):
-    read, points = ef.read_matrices(beam), ["27:uz", "19:uz", "node 15 z"]
-    full = ef.MatrixModel(read.K, read.M, {}, n_modes=6, shapes=True)({})
-    rows = read.dofs(points[::-1])
-    shapes, f = full.shapes[0, rows, :2], full.frequencies[0, :2]
-    model = ef.MatrixModel(read.K, read.M, {}, n_modes=6, shapes=read.sensors(points))
-    measured = ef.Measurements(f, shapes, dofs=points[::-1])
-    np.testing.assert_allclose(ef.PairedModel(model, measured)({}).mac, 1.0)
-
-
 @pytest.mark.parametrize(
     ("end", "new", "message"),
     [

@@ -69,24 +69,6 @@ def test_the_pairs_are_the_best_of_all_one_to_one_choices():
     assert greedy  # some needed more than the maximum
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.4, np.pi / 4, 1.2])
-def test_two_equal_frequencies_are_paired_however_they_are_turned(angle):
-    basis = np.linalg.qr(random_shapes(4, 7, 4))[0]
-    shapes = basis.copy()
-    shapes[:, 1:3] = basis[:, 1:3] @ turned(angle)
-    test = Measurements([1.0, 2.0, 2.1], shapes=basis[:, :3])
-    model = Fixed([1.0, 2.0, 2.0 * 1.001, 3.0], shapes[None])
-    paired = PairedModel(model, test, candidates=4)({})
-    np.testing.assert_allclose(paired.mac, 1.0, rtol=1e-12)
-    assert set(paired.model_mode[0]) == {1, 2, 3}
-    # The paired shapes of the cluster are the measured ones: no turning is left.
-    np.testing.assert_allclose(np.diag(mac(basis[:, :3], paired.shapes[0])), 1.0)
-    if angle:
-        alone = PairedModel(model, test, candidates=4, min_gap=0.0)({})
-        expected = max(np.cos(angle), np.sin(angle)) ** 2
-        np.testing.assert_allclose(alone.mac[0, 1], expected, rtol=1e-9)
-
-
 def test_a_cluster_of_three_spans_its_subspace_and_no_more():
     shapes = random_shapes(5, 9, 5)
     measured = shapes[:, 1:4] @ random_shapes(6, 3, 2)
