@@ -60,6 +60,7 @@ def test_a_DOF_is_named_as_people_do(beam, name):
     assert type(row) is int and read.labels[row] == "15:uz"
     rows = read.dofs([name, "13:ry"])
     assert rows.dtype == np.intp and rows.tolist() == [row, 1]
+    assert read.sensors([name, "13:ry"]) == {name: row, "13:ry": 1}
 
 
 @pytest.mark.parametrize(

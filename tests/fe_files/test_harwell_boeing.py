@@ -58,10 +58,16 @@ def test_numbers_are_read_by_the_formats_that_the_file_says(tmp_path, changed):
     assert read.K.toarray().tolist() == K
 
 
+@pytest.mark.parametrize("kind", ["CSA", "PUA", "RSE", "RZA", "RRA"])
+def test_other_types_are_refused_by_their_name(tmp_path, kind):
+    files = write(tmp_path / "K.hb", {3: LINES[2].replace("RSA", kind)})
+    with pytest.raises(ValueError, match=rf"K\.hb.*{kind}"):
+        ef.read_matrices(files)
+
+
 @pytest.mark.parametrize(
     ("line", "text"),
     [(3, LINES[2].replace("RSA", "RUA")),  # half of it alone
-     *((3, LINES[2].replace("RSA", kind)) for kind in ("CSA", "PUA", "RSE", "RZA")),
      (3, f"RSA {4:14d}{3:14d}{4:14d}"), (3, f"RSA {3:14d}{3:14d}{5:14d}"),
      (4, "(4I3)           (4I3)"), (5, None), (5, "  1  3  4  6"), (5, "  0  2  3  4"),
      (5, "  1  4  3  5"), (5, "nan  3  4  5"), (5, "inf  3  4  5"), (6, "  1  4  2  3"),

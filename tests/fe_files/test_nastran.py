@@ -163,6 +163,15 @@ def test_binary_OP4_is_refused_with_the_export_that_is_read(tmp_path, order, wor
         ef.read_matrices(path)
 
 
+def test_a_mass_without_rotations_gets_rows_of_zeros(tmp_path):
+    # Lumped at z alone: Nastran writes no column for DOFs without mass.
+    K, _, dofs = cantilever()
+    lumped = np.diag(np.where(dofs[:, 1] == 3, 2.0, 0.0))
+    read = ef.read_matrices(write_dmig(tmp_path / "beam.pch", K, lumped, dofs))
+    np.testing.assert_array_equal(read.M.toarray(), lumped)
+    np.testing.assert_array_equal(read.nodes, dofs)
+
+
 def test_a_punch_file_that_was_cut_at_the_end_of_a_line_is_noticed(tmp_path):
     """It has no end mark; what is left is a matrix, but hardly that of a structure."""
     path = write_dmig(tmp_path / "beam.pch", *cantilever())

@@ -87,6 +87,13 @@ def write(path, *, signs=(1, 1), **changes):
     return path
 
 
+def test_a_direction_against_the_axis_turns_the_sign():
+    channels = [("4:-x", "7:z"), ("12:-y", "7:-z")]
+    found = ef.frf.FRFMeasurements(LINES, H, channels, kind="mobility")
+    assert found.channels == tuple(map(tuple, CHANNELS))
+    np.testing.assert_array_equal(found.values, H * [[-1], [1]])
+
+
 @pytest.mark.parametrize("number", ["<c8", ">c8", "<c16", ">c16"])
 def test_every_form_of_binary_data(tmp_path, number):
     """Made from text: the header has a line more of fields, and numbers follow."""

@@ -195,6 +195,24 @@ def test_a_mass_beyond_the_end_of_a_cantilever(how):
         model({"tip": np.array([-1.0])})
 
 
+@pytest.mark.parametrize("relative", [1e-3, 1.0, 1e3])
+def test_two_bars_joined_by_a_spring_that_turns(relative):
+    """Clamped at their outer ends, a mass between them."""
+    m, c = 0.4, relative * STIFFNESS / L
+    nodes = [(0, 0, 0), (L, 0, 0), (L, 0, 0), (2 * L, 0, 0)]
+    held = {0: "all", 3: "all"} | dict.fromkeys((1, 2), ("ux", "uy", "rx", "rz"))
+    model = FrameModel(
+        nodes, [(0, 1, "bar"), (2, 3, "bar")], {"bar": Section(**LIGHT)}, held,
+        masses=[(1, m / 2), (2, m / 2)],
+        springs=[(1, 2, {"uz": 1e6 * STIFFNESS, "ry": "joint"})], n_modes=1,
+    )  # fmt: skip
+    give = L**3 / (6 * STIFFNESS) - c * L**4 / (4 * STIFFNESS**2) / (
+        1 + 2 * c * L / STIFFNESS
+    )
+    found = model({"joint": np.array([c])}).frequencies
+    np.testing.assert_allclose(found, 1 / np.sqrt(give * m) / (2 * np.pi), rtol=1e-5)
+
+
 def test_a_spring_to_the_ground_and_one_between_two_bars():
     m, k = 0.4, 3 * STIFFNESS / L**3  # k of each cantilever
     nodes = [(0, 0, 0), (L, 0, 0), (0, 1, 0), (L, 1, 0)]

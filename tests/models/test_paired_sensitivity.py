@@ -71,6 +71,14 @@ def test_derivatives_are_those_of_differences(gap, width):
     assert_jacobian(model, parameters, step=1e-5, **CLOSE)
 
 
+def test_a_row_of_close_modes_beside_rows_that_are_not():
+    model = paired(oscillators(GAPS["fading"], 2))
+    parameters = near_one(model)
+    parameters["b"][2] = 1.3
+    assert coupled(model, parameters).any(axis=1).tolist() == [True, True, False, True]
+    assert_jacobian(model, parameters, step=1e-5, **CLOSE)
+
+
 def test_modes_that_always_coincide_share_a_space_that_has_a_derivative():
     model = paired(twins())
     parameters = near_one(model)
