@@ -80,6 +80,9 @@ def test_a_cluster_of_three_spans_its_subspace_and_no_more():
     fit = shapes[:, 1:4] @ np.linalg.lstsq(shapes[:, 1:4], outside)[0]
     cosine = (fit @ outside) ** 2 / (fit @ fit) / (outside @ outside)
     np.testing.assert_allclose(macs[2], cosine, rtol=1e-10)
+    alone = PairedModel(model, test, candidates=5, min_gap=0.0)({})
+    expected = mac(test.shapes, shapes)[range(3), alone.model_mode[0] - 1]
+    np.testing.assert_allclose(alone.mac[0], expected, rtol=1e-10)
 
 
 def test_a_mode_without_a_pair_costs_a_finite_penalty():
