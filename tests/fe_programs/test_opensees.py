@@ -69,21 +69,6 @@ def check_eigenvalues(ops, base, count):
     np.testing.assert_allclose(np.sqrt(squares), np.sqrt(theirs), rtol=1e-7)
 
 
-def load_nodes(ops, forces):
-    """Solve for forces ``{node: values}`` on the model that stands there."""
-    ops.timeSeries("Linear", 1)
-    ops.pattern("Plain", 1, 1)
-    for node, values in forces.items():
-        ops.load(node, *values)
-    ops.system("BandGeneral")
-    ops.numberer("RCM")
-    ops.constraints("Transformation")
-    ops.integrator("LoadControl", 1.0)
-    ops.algorithm("Linear")
-    ops.analysis("Static")
-    assert ops.analyze(1) == 0
-
-
 def check_rows(ops, build, base):
     """A unit load at each DOF moves the nodes by the column of the flexibility."""
     flexibility = np.linalg.inv(base.K.toarray())
@@ -96,7 +81,16 @@ def check_rows(ops, build, base):
         build()
         values = np.zeros(ops.getNDF(node)[0])
         values[direction - 1] = 1e3
-        load_nodes(ops, {node: values.tolist()})
+        ops.timeSeries("Linear", 1)
+        ops.pattern("Plain", 1, 1)
+        ops.load(node, *values.tolist())
+        ops.system("BandGeneral")
+        ops.numberer("RCM")
+        ops.constraints("Transformation")
+        ops.integrator("LoadControl", 1.0)
+        ops.algorithm("Linear")
+        ops.analysis("Static")
+        assert ops.analyze(1) == 0
         moved = [ops.nodeDisp(*dof) for dof in dofs]
         expected = 1e3 * flexibility[:, column]
         scale = np.abs(expected).max()

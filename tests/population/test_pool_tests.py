@@ -83,7 +83,6 @@ def test_each_test_shrinks_towards_the_population(pooled):
 
 def test_tables_say_what_was_found_and_hyperpriors_are_stated_or_replaced(pooled):
     found, _ = pooled
-    assert "T = 12.5" in str(found)
     assert found.test_table.column("test") == [f"test {i}" for i in range(1, 7)]
     names = ef.parameter_table(found.idata).column("parameter")
     assert (*names,) == found.population.parameters == found.run.posterior.names
@@ -94,7 +93,6 @@ def test_tables_say_what_was_found_and_hyperpriors_are_stated_or_replaced(pooled
     expected = sum(laws[name].logpdf(value) for name, value in values.items())
     assert found.run.posterior.prior.logpdf(theta)[0] == pytest.approx(expected)
     assert laws["sd k2"].logpdf(0.4) == GIVEN["sd k2"].logpdf(0.4)
-    assert "lognorm(0.5, scale=0.3)" in str(found.population)
 
 
 def test_few_effective_draws_with_a_heavy_tail_are_out_of_reach(pooled):

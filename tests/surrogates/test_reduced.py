@@ -118,11 +118,9 @@ def crossing():
     return MatrixModel(0 * M0, M0, units, n_modes=5), bounds, 1e-6
 
 
-CASES = [free, singular_mass, varying_mass, crossing]
-CASES += [lambda: soft_ends(1e-3)]
-
-
-@pytest.mark.parametrize("make", CASES)
+@pytest.mark.parametrize(
+    "make", [free, singular_mass, varying_mass, crossing, lambda: soft_ends(1e-3)]
+)
 def test_models_of_any_kind_keep_the_tolerance(make):
     whole, bounds, tolerance = make()
     model = reduce(whole, bounds, tolerance, test_points=12)
