@@ -270,21 +270,31 @@ def _refit(draws: Draws, mixture: Mixture) -> Mixture:
     use = shares > 1e-12 * shares.max()
     x, shares = draws.x[use], shares[use]
     size, d = 1.0 / np.sum(shares**2), x.shape[1]
+    each = 1 + d + d * (d + 1) / 2  # parameters of a component
     candidates = []
     for df in DFS:
         other = replace(mixture, df=df)
         candidates.append((-2 * size * float(shares @ other.log_density(x)), other))
     for fitted, gained in _fits(x, shares, draws.log_p[use], mixture):
-        parameters = len(fitted.weights) * (1 + d + d * (d + 1) / 2)
-        candidates.append((2 * parameters - 2 * size * gained, fitted))
+        criterion = 2 * len(fitted.weights) * each - 2 * size * gained
+        candidates.append((criterion, fitted))
     chosen = min(candidates, key=lambda pair: pair[0])[1]
     # By the effective share, which regions of large weights spoil most: EM on weights
     # that stress them brings the mixture nearer to its largest effective share.
     excess = draws.log_p[use] - chosen.log_density(x)
     stressed = shares * np.exp(0.5 * (excess - excess.max()))
     again = chosen.improve(x, stressed / stressed.sum(), STRESSED)[0]
-    tails = [replace(fitted, df=df) for fitted in (chosen, again) for df in DFS]
-    return max(tails, key=lambda fitted: draws.effective_share(cover(fitted)))
+    # The share flatters a fit by these draws: where Akaike's criterion wants none, this
+    # one has to gain what it spends.
+    refused = chosen.means is mixture.means
+    spent = 2 * len(again.weights) * each / size if refused else 0.0
+    tails = []
+    for fitted, by in ((chosen, 0.0), (again, spent)):
+        for df in DFS:
+            other = replace(fitted, df=df)
+            share = draws.effective_share(cover(other)) * np.exp(-by)
+            tails.append((share, other))
+    return max(tails, key=lambda pair: pair[0])[1]
 
 
 def _fits(
