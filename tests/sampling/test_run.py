@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from support.calibration import shorten_search
 from support.free_posterior import box, free_posterior
+from support.runs import Still
 
 import emcee_femu as ef
 
@@ -44,13 +45,6 @@ def test_same_seed_same_chain_whatever_the_global_stream_or_other_ensembles():
     assert_array_equal(first[0], chains(ensembles=1)[0])
     assert_array_equal(first[0][1::2], chains(steps=10, thin_by=2)[0])
     assert not np.array_equal(first[0], chains(seed=2)[0])
-
-
-class Still(ef.DEMCMove):
-    """A move that does not move: the starts alone are looked at."""
-
-    def propose(self, model, state):
-        return state, np.zeros(len(state.coords), bool)
 
 
 def test_ensembles_have_independent_starts_and_streams():

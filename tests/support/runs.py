@@ -1,6 +1,15 @@
-"""What a run carries beside its chains, in the one place that knows by which names."""
+"""What tests of runs share: what they carry beside their chains, and a move."""
 
 import numpy as np
+
+import emcee_femu as ef
+
+
+class Still(ef.DEMCMove):
+    """A move that does not move: the starts alone are looked at."""
+
+    def propose(self, model, state):
+        return state, np.zeros(len(state.coords), bool)
 
 
 def failures(run):
