@@ -147,31 +147,3 @@ def test_lengths_are_drawn_from_both_ends_and_all_between():
         lengths.append((move.proposed - before) // 12)
     counts = np.bincount(lengths, minlength=5)
     assert counts[:2].sum() == 0 and (counts[2:] > 10).all() and counts.sum() == 60
-
-
-def failing(p):
-    if p["a"] > 2.0:
-        raise ArithmeticError("no equilibrium")
-    return [100 + p["a"], 150 + p["a"] + 2 * p["b"], 200 - p["b"]]
-
-
-def test_a_resumed_run_goes_on_to_the_bit_and_failed_solves_are_rejected(tmp_path):
-    prior = ef.IndependentPrior({"a": (-6, 6), "b": (-6, 6)})
-    term = ef.FrequencyTerm([101.0, 149.0, 201.0], sd=1.0)
-    posterior = ef.LogPosterior(ef.FunctionModel(failing, 3), term, prior)
-    shifted = ef.FunctionModel(lambda p: [100.5 + p["a"], 150, 200 - p["b"]], 3)
-    cheap = ef.LogPosterior(shifted, term, prior)
-    options = {"seed": 3, "ensembles": 1, "on_failure": "reject", "max_failures": 1.0}
-
-    def go(steps, **file):
-        move = ef.moves.DelayedAcceptanceMove(DEMCMove(), cheap, (2, 9))
-        return ef.run(posterior, move, 12, steps, **file, **options)[0]
-
-    whole = go(15)
-    go(6, backend=tmp_path / "run.chain")
-    resumed = go(15, backend=tmp_path / "run.chain", resume=True).get_chain()
-    np.testing.assert_array_equal(resumed, whole.get_chain())
-    assert 0.0 < resumed[..., 0].max() <= 2.0  # beyond which solves fail
-    rows = posterior(resumed.reshape(-1, 2))
-    stored = whole.get_log_prob(flat=True), whole.get_blobs(flat=True)
-    np.testing.assert_allclose(np.column_stack(stored), rows, rtol=1e-12)

@@ -103,33 +103,18 @@ def test_every_pair_of_blocks_exchanges_by_the_ratio_of_its_likelihoods(betas):
             assert stats.binomtest(swapped, block, p).pvalue > 1e-4
 
 
-PROBLEM = ef.paper.mass_spring()
+POSTERIOR = ef.paper.mass_spring().posterior
 MOVE = ef.moves.TemperedMove(DEMCMove(), [1.0, 0.2, 0.0])
 
 
 def sampled(steps=12, **options):
     options = {"moves": MOVE, "nwalkers": 36, "seed": 1, "ensembles": 1, **options}
-    return ef.run(PROBLEM.posterior, steps=steps, **options)
-
-
-def everything(run):
-    parts = run.get_chain(), run.get_log_prob()[..., None], run.get_blobs()
-    return np.concatenate(parts, axis=2)
-
-
-def test_stored_rows_are_the_posteriors_own_and_a_resumed_run_goes_on(tmp_path):
-    stored = everything(sampled()[0])
-    rows = stored.reshape(12 * 36, -1)
-    np.testing.assert_allclose(rows[:, 5:], PROBLEM.posterior(rows[:, :5]), rtol=1e-9)
-    file = tmp_path / "run.chain"
-    sampled(steps=5, backend=file)
-    (resumed,) = sampled(backend=file, resume=True)
-    assert_array_equal(everything(resumed), stored)
+    return ef.run(POSTERIOR, steps=steps, **options)
 
 
 def test_conversion_tables_and_diagnosis_use_the_cold_walkers_alone():
     runs = sampled(steps=40, ensembles=2)
-    idata = ef.to_inference_data(runs, PROBLEM.posterior, discard=8)
+    idata = ef.to_inference_data(runs, POSTERIOR, discard=8)
     cold = np.stack([run.get_chain(discard=8)[:, :12, 0] for run in runs])
     k1 = np.asarray(idata.posterior["k1"])
     assert_array_equal(k1, cold.transpose(0, 2, 1).reshape(24, 32))

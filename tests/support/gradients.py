@@ -54,6 +54,15 @@ class Derived(Solver):
         return solution, by_name
 
 
+class Failing(Derived):
+    """It cannot be solved in the middle of its posterior."""
+
+    def __call__(self, parameters):
+        if (np.abs(parameters["a"] - 1.1) < 0.02).any():
+            raise ArithmeticError("no convergence")
+        return super().__call__(parameters)
+
+
 def numerical(function, theta, step=1e-5):
     """Return central differences ``(n, d)`` of a function of ``(n, d)``."""
     columns = []
