@@ -283,8 +283,14 @@ def with_moves(share=0.9, **options):
     return {"moves": [(ef.DEMCMove(), share), (stretch, 1 - share)]}
 
 
+def strain(parameters, response):
+    """The term, of which nobody knows what was measured."""
+    return Gaussian()(parameters, response)
+
+
 CHANGES = {  # what was run, what is asked for, and what the message names
     "data": ({}, {"posterior": posed(Gaussian(DATA + [0, 0, 0.01]))}, "strain.*0.31"),
+    "observed": ({"posterior": posed(strain)}, {"posterior": posed()}, "strain"),
     "covariance": (with_covariance(0.1), with_covariance(-0.1), "frequency"),
     "prior": ({}, with_prior(sd=1.01), "prior.*1.01"),
     "bounds": ({}, with_prior(bounds=[(-4, 4), (-4, 5)]), "bounds.*b.*5"),
