@@ -198,14 +198,13 @@ def narrow(x):
     return -4e5 * ((x - np.linspace(0.2, 0.8, 7)) ** 2).sum(axis=1)
 
 
-@pytest.mark.parametrize("solves", [10_000, 15_000])
 @pytest.mark.parametrize(
     ("density", "d"),
     [(narrow, 7), pytest.param(pressed, PRESSED, marks=pytest.mark.slow)],
 )
-def test_a_search_leaves_half_of_few_solves_to_the_chain(density, d, solves):
-    run = ef.run(free_posterior(density, box(0, 1, d)), solves=solves, seed=3)
-    assert run.search.solves <= solves / 2
+def test_a_search_leaves_half_of_few_solves_to_the_chain(density, d):
+    run = ef.run(free_posterior(density, box(0, 1, d)), solves=10_000, seed=3)
+    assert run.search.solves <= 5_000
     found = ef.diagnose(run)
     assert found.converged == (density is narrow)
 
@@ -243,23 +242,22 @@ def skew_posterior():
     return ef.LogPosterior(Exponential(), term, prior)
 
 
-@pytest.mark.parametrize("solves", [10_000, 15_000])
-def test_climbs_and_chains_by_gradients_keep_to_few_solves(solves):
+def test_climbs_and_chains_by_gradients_keep_to_few_solves():
     """A tuned trajectory alone would take more; climbs get where they go."""
-    run = ef.run(skew_posterior(), solves=solves, seed=3)
-    assert run.search.solves < 0.7 * solves and run.solves <= solves
+    run = ef.run(skew_posterior(), solves=10_000, seed=3)
+    assert run.search.solves < 7_000 and run.solves <= 10_000
     assert run[0].iteration > 8 and run.search.from_prior
 
 
 def test_a_chain_of_trajectories_keeps_to_its_solves():
     """A proposal of them takes 40."""
     move = ef.moves.HamiltonianMove(steps=40, step_size=0.1)
-    run = ef.run(skew_posterior(), move, 24, solves=20_000, seed=3)
-    assert 18_000 < run.solves <= 20_000
+    run = ef.run(skew_posterior(), move, 24, solves=12_000, seed=3)
+    assert 10_800 < run.solves <= 12_000
     move = ef.moves.HamiltonianMove(steps=20, step_size=0.1)
     mixed = [(move, 0.5), (ef.DEMCMove(), 0.5)]  # each ensemble draws its own
-    run = ef.run(skew_posterior(), mixed, 24, solves=20_000, seed=4)
-    assert 18_000 < run.solves <= 20_000 + 20 * 4 * 24  # at most a step too many
+    run = ef.run(skew_posterior(), mixed, 24, solves=12_000, seed=4)
+    assert 10_800 < run.solves <= 12_000 + 20 * 4 * 24  # at most a step too many
 
 
 @pytest.mark.slow

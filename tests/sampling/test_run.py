@@ -134,16 +134,15 @@ def test_a_terminal_shows_a_bar_and_a_file_a_line_at_each_tenth(
 
 
 def test_a_notebook_shows_its_bar(monkeypatch):
-    import emcee_femu.evaluation.samplers as module
-
     pytest.importorskip("ipywidgets")
-    kernel, asked = type("OutStream", (io.StringIO,), {}), []
-    kernel.__module__ = "ipykernel.iostream"
+    kernel = type("OutStream", (io.StringIO,), {"__module__": "ipykernel.iostream"})
+    asked = []
+
+    def note(kind, total, desc):
+        asked.append(kind)
+        return get_progress_bar(False, total)
+
     monkeypatch.setattr(sys, "stderr", kernel())
-    monkeypatch.setattr(
-        module,
-        "get_progress_bar",
-        lambda kind, total, desc: asked.append(kind) or get_progress_bar(False, total),
-    )
-    run(steps=3, ensembles=1)
+    monkeypatch.setattr("emcee_femu.evaluation.samplers.get_progress_bar", note)
+    run(steps=3)
     assert asked == ["notebook"]
