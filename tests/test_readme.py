@@ -42,13 +42,6 @@ def test_python_blocks_run_and_print_what_is_shown(
         assert names["run"].solves == pytest.approx(int(said.replace(",", "")), 0.02)
 
 
-@pytest.mark.parametrize("other", ["mean 1.26", "mean 1.23 %", "1.23"])
-def test_other_words_or_numbers_are_noticed(other):
-    assert_alike("mean  1.24\n", "mean 1.23")
-    with pytest.raises((AssertionError, ValueError)):
-        assert_alike(other, "mean 1.23")
-
-
 def test_every_python_command_names_an_existing_example():
     texts = [p for p in (ROOT / "docs").rglob("*.md") if "_build" not in p.parts]
     pages = [ROOT / "README.md", *texts, *(ROOT / "examples").rglob("*.py")]

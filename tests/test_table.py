@@ -8,7 +8,7 @@ import pytest
 
 import emcee_femu as ef
 
-Report, Table = ef.table.Report, ef.table.Table
+Table = ef.table.Table
 
 MIXED = Table.from_columns(
     "Of all <kinds> & more",
@@ -64,33 +64,12 @@ def test_html_is_escaped_and_has_the_same_cells(table):
     assert "<E>" not in text and "<kinds>" not in text
 
 
-def test_html_of_a_report_has_tables_and_escaped_sentences():
-    class Found(Report):
-        def _parts(self):
-            return WIDE, "a < b\nc"
-
-    assert str(Found()) == f"{WIDE}\na < b\nc"
-    assert Found()._repr_html_() == f"{WIDE._repr_html_()}\n<p>a &lt; b</p>\n<p>c</p>"
-
-
 def test_a_frame_keeps_every_digit():
     frame = MIXED.to_frame()
     assert tuple(frame.columns) == MIXED.columns
     for cells, framed in zip(MIXED.rows, frame.itertuples(index=False), strict=True):
         for cell, value in zip(cells, framed, strict=True):
             assert cell == value or (np.isnan(cell) and np.isnan(value))
-
-
-def test_a_prompt_and_a_notebook_show_what_print_shows():
-    posterior = ef.paper.mass_spring().posterior
-    found = ef.find_map(posterior, 1, seed=1, check=0)
-    for shown_twice in (MIXED, posterior, found):
-        assert repr(shown_twice) == str(shown_twice)
-        assert "<table" in shown_twice._repr_html_()
-    frame = ef.FunctionModel(lambda p: [1.0], n_modes=1)
-    noisy = ef.FrequencyTerm([3.0, 9.0], discrepancy="noise")
-    for thing, part in ((frame, "frequency [1]"), (noisy, "noise")):
-        assert part in repr(thing) and "0x" not in repr(thing)
 
 
 def test_a_wide_table_is_printed_in_blocks_with_the_names_of_the_rows():

@@ -4,9 +4,9 @@ import emcee
 import numpy as np
 import pytest
 from support.checks import LIMIT, BoundedTriangle, Gaussian, exact_start
-from support.component_walk import ComponentWalk
 
 from emcee_femu import DEMCMove, IndependenceMove, MetropolisMove
+from emcee_femu.moves.independence import ComponentWalk  # of anneal, not public
 
 TARGETS = {"gaussian": Gaussian, "bounded": BoundedTriangle}
 UNIT, FAR = (1.0, 1.0, 1.0), (1e-8, 1.0, 1e8)  # areas beside stiffnesses

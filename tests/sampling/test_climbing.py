@@ -98,13 +98,6 @@ def test_the_mass_of_a_very_thin_gaussian_is_that_of_its_draws(seed):
     assert_allclose(found, expected, atol=0.17)
 
 
-def test_a_saddle_keeps_its_scales():
-    turned = np.array([[0.8, -0.6], [0.6, 0.8]])
-    saddle = turned @ np.diag([-4.0, 9.0]) @ turned.T
-    expected = turned @ np.diag([4.0, 9.0]) @ turned.T
-    assert_allclose(make_positive(saddle), expected, atol=1e-12)
-
-
 @pytest.mark.parametrize("gives_up", [False, True])
 def test_a_step_inside_a_box_is_the_best_there(gives_up, monkeypatch):
     """The law of a maximum, also where LAPACK's SVD does not end."""

@@ -2,18 +2,12 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 from scipy import stats
 
 import emcee_femu as ef
 from emcee_femu.evaluation.resume import open_evaluator
 from emcee_femu.moves.mixture import Mixture
-from emcee_femu.sampling.importance import (
-    bridge,
-    find_acceptance,
-    pareto_k,
-    resample,
-)
+from emcee_femu.sampling.importance import find_acceptance, pareto_k, resample
 from emcee_femu.sampling.proposals import Draws, Trial, refine
 from emcee_femu.sampling.response_surface import fit_surface, learn_surface
 
@@ -39,24 +33,6 @@ def test_resampling_is_unbiased_and_off_by_less_than_one_each():
     assert (np.abs(counts - 40 * weights) < 1).all()
     error = np.sqrt((40 * weights % 1) * (1 - 40 * weights % 1) / 4_000)
     assert (np.abs(counts.mean(axis=0) - 40 * weights) < 5 * error + 1e-12).all()
-
-
-@pytest.mark.parametrize("share", [0.2, 0.5])
-def test_a_bridge_between_two_gaussians_has_the_ratio_of_their_constants(share):
-    rng, ratios, errors = np.random.default_rng(1), [], []
-    f, g = stats.norm(0.0, 1.0), stats.norm(0.5, 1.5)
-    for _ in range(200):
-        at_f, at_g = (
-            3.7 + f.logpdf(x) - g.logpdf(x) for x in (rng.normal(0, 1, 100),
-                                                      rng.normal(0.5, 1.5, 200))
-        )  # fmt: skip
-        estimate = bridge(at_f, at_g, share)
-        ratios.append(estimate.log_ratio)
-        variance = estimate.from_f.var() / 100 + estimate.from_g.var() / 200
-        errors.append(np.sqrt(variance))
-        assert 0 < estimate.overlap <= 1
-    assert abs(np.mean(ratios) - 3.7) < 5 * np.std(ratios) / np.sqrt(200)
-    assert_allclose(np.mean(errors), np.std(ratios), rtol=0.2)
 
 
 # A Gaussian cut at zero, whose evidence is LOG_Z, and proposals that reach beyond.
