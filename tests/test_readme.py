@@ -27,9 +27,7 @@ def assert_alike(printed, promised):
 
 
 @pytest.mark.parametrize("number", range(len(BLOCKS)))
-def test_python_blocks_run_and_print_what_is_shown(
-    number, tmp_path, monkeypatch, capsys
-):
+def test_blocks_print_what_is_shown(number, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)  # one writes a file
     (code, promised), names = BLOCKS[number], {"__name__": "page"}
     exec(compile(code, "page", "exec"), names)

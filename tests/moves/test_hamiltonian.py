@@ -129,8 +129,6 @@ def test_rejections_fall_with_the_square_of_the_step(ndim):
     assert 3.6 < rejected(2) / rejected(4) < 4.6
 
 
-# In runs.
-
 PRIOR = ef.GaussianPrior(["a", "b"], [1.0, 1.0], 0.1, [(0.9, 1.4), (0.5, 1.05)])
 TERM = ef.FrequencyTerm(MEASURED, relative_sd=0.05)
 
@@ -181,9 +179,6 @@ def test_what_has_no_gradients_is_refused_by_name():
     for options in ({}, {"on_failure": "reject"}, {"workers": 1}):
         with pytest.raises(TypeError, match="jacobian"):
             run([(move, 1.0)], posterior, 8, **options)
-
-
-# Tuned.
 
 
 def test_tuning_finds_80_percent_acceptance_and_long_enough_trajectories():

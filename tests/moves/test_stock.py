@@ -40,9 +40,7 @@ RIGHT = {
 
 
 @pytest.mark.parametrize("version", [None, "3.1.10"])
-def test_a_comparison_warns_once_of_what_is_wrong_and_of_no_later_release(
-    version, monkeypatch
-):
+def test_a_comparison_warns_once_of_what_is_wrong(version, monkeypatch):
     if version:
         monkeypatch.setattr(emcee, "__version__", version)
     moves = {label: move for label, (move, _) in WRONG.items()} | RIGHT

@@ -4,7 +4,6 @@ import emcee
 import numpy as np
 import pytest
 from emcee.model import Model
-from numpy.testing import assert_array_equal
 from scipy import stats
 from support.checks import LIMIT, exact_start
 from support.examples import load
@@ -111,18 +110,6 @@ MOVE = ef.moves.TemperedMove(DEMCMove(), [1.0, 0.2, 0.0])
 def sampled(steps=12, **options):
     options = {"moves": MOVE, "nwalkers": 36, "seed": 1, "ensembles": 1, **options}
     return ef.run(POSTERIOR, steps=steps, **options)
-
-
-def test_conversion_tables_and_diagnosis_use_the_cold_walkers_alone():
-    runs = sampled(steps=40, ensembles=2)
-    idata = ef.to_inference_data(runs, POSTERIOR, discard=8)
-    cold = np.stack([run.get_chain(discard=8)[:, :12, 0] for run in runs])
-    k1 = np.asarray(idata.posterior["k1"])
-    assert_array_equal(k1, cold.transpose(0, 2, 1).reshape(24, 32))
-    assert "k1" in str(ef.parameter_table(idata))
-    values = ef.diagnose(runs, discard=8)
-    assert_array_equal(values.acceptance, [r.acceptance_fraction[:12] for r in runs])
-    assert all(walker < 12 for _, walker in values.stuck)
 
 
 OTHER = ef.moves.TemperedMove(DEMCMove(mode_jump=1.0), [1, 0.3, 0])

@@ -183,8 +183,7 @@ def test_a_batch_that_fails_names_its_parameter_sets_but_not_hundreds(number):
 
 
 @pytest.mark.parametrize(
-    "function",
-    [lambda p: [float(p["a"]), 2.0], lambda p: [p["a"], p["b"]]],
+    "function", [lambda p: [float(p["a"]), 2.0], lambda p: [p["a"], p["b"]]]
 )
 def test_a_function_of_one_parameter_set_is_told_how_it_becomes_a_model(function):
     with pytest.raises(TypeError) as caught:

@@ -44,8 +44,6 @@ def found_by_workers(monkeypatch):
     monkeypatch.setenv("PYTHONPATH", paths)
 
 
-# --- MPI --------------------------------------------------------------------------
-
 CHAIN = TESTS / "support" / "mpi_chain.py"
 
 
@@ -62,9 +60,6 @@ def test_an_error_on_a_worker_of_mpi_fails_the_job(tmp_path):
     # mpiexec() asserts that the exit code is 0; else it says what the job wrote.
     with pytest.raises(AssertionError, match="ArithmeticError: the solver did not"):
         mpiexec(CHAIN, "schwimmbad", tmp_path / "no such folder" / "found", "fail")
-
-
-# --- dask -------------------------------------------------------------------------
 
 
 @contextlib.contextmanager
@@ -106,9 +101,6 @@ def test_dask_gives_the_serial_chain_and_survives_its_workers(found_by_workers):
         chain(client)
 
 
-# --- ray --------------------------------------------------------------------------
-
-
 # ray leaves sockets and log files open when it shuts down, and reads an old setting.
 @leaves_sockets
 @pytest.mark.filterwarnings(
@@ -132,9 +124,6 @@ def test_a_pool_of_ray_gives_the_serial_chain(monkeypatch, found_by_workers):
             EvaluationPool(pool).map(POSTERIOR, START)
     finally:
         ray.shutdown()
-
-
-# --- loky -------------------------------------------------------------------------
 
 
 def test_loky_gives_the_serial_chain(found_by_workers):

@@ -100,9 +100,7 @@ def test_a_batch_is_timed_where_the_first_solve_looks_slow(slow, monkeypatch):
     assert any("hours" in str(one.message) for one in caught) == (slow == 2)
 
 
-def test_a_search_that_was_stopped_goes_on_with_the_budget_that_it_had(
-    tmp_path, monkeypatch
-):
+def test_a_stopped_search_goes_on_with_its_budget(tmp_path, monkeypatch):
     budgets = []
 
     def stop(*arguments):

@@ -65,7 +65,7 @@ def limited(model, prior=pool_problems.PRIOR):
 
 
 @pytest.fixture(scope="module")
-def chain_up_to_limit():
+def up_to_limit():
     """The chain of a prior that ends where the solver does."""
     bounds = [(0.1, LIMIT), (0.1, 2.0)]
     prior = ef.GaussianPrior(["k", "m"], [1.0, 1.0], [0.2, 0.2], bounds)
@@ -75,9 +75,7 @@ def chain_up_to_limit():
 @pytest.mark.parametrize("pool", [None, Immediate()], ids=["serial", "on a pool"])
 @pytest.mark.parametrize("vectorised", [False, True])
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_stops_a_run_with_its_place_or_is_rejected_and_counted(
-    vectorised, fault, pool, chain_up_to_limit
-):
+def test_a_fault_has_its_place_or_is_counted(vectorised, fault, pool, up_to_limit):
     function, kind, said = FAULTS[fault]
     solver = Beyond(function)
     model = Vectorised(solver) if vectorised else ef.FunctionModel(solver, n_modes=2)
@@ -90,14 +88,12 @@ def test_a_fault_stops_a_run_with_its_place_or_is_rejected_and_counted(
     assert 1 <= len(values) <= 6 and max(values) > LIMIT  # half an ensemble, or one
     assert len(values) == 1 or (vectorised and pool is None)
     samplers = run(limited(model), **REJECT, pool=pool)
-    assert_allclose(samplers[0].get_chain(), chain_up_to_limit, rtol=1e-9)
+    assert_allclose(samplers[0].get_chain(), up_to_limit, rtol=1e-9)
     total, causes = failures(samplers)
     assert total == 12 * 16
     cause = "not finite" if kind is ValueError else "exception"
     assert causes.keys() == {cause} and causes[cause] > 5
 
-
-# --- causes and limits ------------------------------------------------------------
 
 PRIOR = ef.IndependentPrior({"a": stats.norm(0, 1), "b": stats.norm(0, 1)})
 TERM = ef.FrequencyTerm([10.0, 20.0], sd=[0.5, 0.5])
@@ -170,9 +166,6 @@ def test_the_fraction_is_exact_but_not_of_few_solves(first, stop):
     with pytest.raises(RuntimeError, match="max_failures"):
         run(posterior_of(failing), **options)
     assert stop - 8 < len(calls) <= stop + 8  # they are counted by batches
-
-
-# --- starts -----------------------------------------------------------------------
 
 
 def cut(p):

@@ -26,9 +26,7 @@ def found():
     return run_of(MODEL)
 
 
-def test_modes_that_change_places_are_named_at_the_maximum_where_they_do(
-    found, tmp_path
-):
+def test_modes_that_change_places_are_named_where_they_do(found, tmp_path):
     (numbers,) = found.search.followed.values()
     assert sorted(numbers.tolist()) == [[1, 2], [2, 1]]
     swapped = 1 + int(np.argmax(numbers[:, 0]))

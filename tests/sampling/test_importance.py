@@ -156,9 +156,8 @@ def test_a_response_that_is_a_polynomial_is_found_exactly(inferred):
     assert surface(-others).max() == -np.inf
 
 
-def test_polynomials_have_more_points_than_terms_though_draws_are_out_of_bounds(
-    monkeypatch,
-):
+def test_polynomials_have_more_points_than_terms(monkeypatch):
+    """Though draws are out of bounds."""
     # One fit more after the first, which is the one in question.
     monkeypatch.setattr("emcee_femu.sampling.response_surface.SURFACE_ROUNDS", 1)
     prior = ef.IndependentPrior({"a": stats.lognorm(0.3), "b": stats.lognorm(0.4)})

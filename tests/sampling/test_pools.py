@@ -325,9 +325,7 @@ print(np.allclose(one, other, rtol=1e-9))
 
 @SLOW
 @pytest.mark.parametrize("method", [pytest.param((), marks=inherits), ("spawn",)])
-def test_a_script_needs_no_guard_where_processes_fork_and_else_asks_for_it(
-    tmp_path, method
-):
+def test_a_script_needs_a_guard_only_where_none_forks(tmp_path, method):
     """As a file, a command and standard input."""
     path = tmp_path / "unguarded.py"
     path.write_text(UNGUARDED)
@@ -372,9 +370,7 @@ if __name__ == "__main__":
         pytest.param("workers", signal.SIGINT, "kept True\n", marks=posix),
     ],
 )
-def test_no_process_outlives_a_run_that_is_killed_in_a_long_solve(
-    tmp_path, name, mine, kind, expected
-):
+def test_no_process_outlives_a_killed_run(tmp_path, name, mine, kind, expected):
     need_start_method(name)
     path = tmp_path / "stuck.py"
     path.write_text(STUCK)

@@ -113,16 +113,9 @@ def test_what_does_not_fit_is_refused_before_the_first_solve(options, error, nam
 
 @pytest.mark.parametrize(
     "terminal, asked, shown",
-    [
-        (True, None, "bar"),
-        (True, False, ""),
-        (False, None, ""),
-        (False, True, "lines"),
-    ],
+    [(True, None, "bar"), (True, False, ""), (False, None, ""), (False, True, "lines")],
 )
-def test_a_terminal_shows_a_bar_and_a_file_a_line_at_each_tenth(
-    terminal, asked, shown, monkeypatch, capsys
-):
+def test_a_bar_or_lines_are_shown(terminal, asked, shown, monkeypatch, capsys):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
     run(steps=15, ensembles=2, progress=asked)
     said = capsys.readouterr().err

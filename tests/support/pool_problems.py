@@ -123,13 +123,6 @@ def sample(pool=None, steps=8, posterior=POSTERIOR, moves=None, **options):
     return ef.run(posterior, moves or ef.DEMCMove(), steps=steps, **options)
 
 
-def chain(*arguments, **options):
-    """Return what emcee stores of such a run, as bytes."""
-    (sampler,) = sample(*arguments, **options)
-    parts = (sampler.get_chain(), sampler.get_log_prob(), sampler.get_blobs())
-    return pickle.dumps([np.ascontiguousarray(part).tobytes() for part in parts])
-
-
 def start_script(arguments):
     """Start Python with these arguments, in a session of its own."""
     paths = os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")])
