@@ -154,12 +154,9 @@ def test_a_step_costs_one_solve_and_none_beyond_the_bounds():
     assert sum(inside) < 10 * 30 * 4 and 0 < min(inside) < 10
 
 
-def test_failures_reject_and_are_counted_or_name_their_place():
+def test_a_failure_names_its_place():
     posterior = ef.LogPosterior(Failing(), TERM, PRIOR)
     move = ef.moves.HamiltonianMove([0.003, 0.003], steps=3, step_size=0.5)
-    rejecting = run(move, posterior, 20, on_failure="reject", max_failures=1.0)
-    assert rejecting.failures.causes["exception"] > 5
-    assert (np.abs(rejecting[0].get_chain(flat=True)[:, 0] - 1.1) >= 0.02).all()
     start = np.full((12, 2), [1.07, 0.95]) + 1e-4 * np.arange(12)[:, None]
     with pytest.raises(ArithmeticError) as caught:
         run(move, posterior, 12, 40, starts=start)

@@ -48,32 +48,20 @@ def test_a_wrong_model_is_found(fault):
 RIGHT = ef.DisplacementTerm(MEASURED[None], sd=SD)
 
 
-class Mutant:
-    """A term of the package with one method replaced."""
-
-    def __init__(self, **methods):
-        names = ("__call__", "pointwise", "deviations", "replicate", "observed")
-        parts = {name: getattr(RIGHT, name) for name in names} | methods
-        self.call = parts.pop("__call__")
-        vars(self).update(parts)
-
-    def __call__(self, parameters, response):
-        return self.call(parameters, response)
-
-
 WRONG = {
-    "a factor": {"__call__": lambda p, r: 1.001 * RIGHT(p, r)},
-    "one sum of all": {"__call__": lambda p, r: RIGHT(p, r).sum()},
-    "mixed rows": {"__call__": lambda p, r: RIGHT(p, r) + r["displacement"].mean()},
-    "parts": {"pointwise": lambda p, r: {"u": 0.9 * RIGHT.pointwise(p, r)[
+    "a factor": {"__call__": lambda self, p, r: 1.001 * RIGHT(p, r)},
+    "one sum of all": {"__call__": lambda self, p, r: RIGHT(p, r).sum()},
+    "mixed rows": {"__call__": lambda self, p, r: RIGHT(p, r) + RIGHT(p, r).mean()},
+    "parts": {"pointwise": lambda self, p, r: {"u": 0.9 * RIGHT.pointwise(p, r)[
         "displacement"]}},
-    "deviations": {"deviations": lambda p, r: (2 * RIGHT.deviations(p, r)[0], SD)},
-    "replicates": {"replicate": lambda rng, p, r: {"displacement": 0 * U[:, None]}},
-    "data": {"observed": {"displacement": MEASURED}},
+    "deviations": {"deviations": lambda self, p, r: (U - MEASURED, 2 * SD)},
+    "replicates": {"replicate": lambda self, *given: {"displacement": 0 * RESPONSE[
+        "displacement"]}},
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("fault", WRONG)
 def test_a_wrong_term_is_found(fault):
+    term = type("Wrong", (ef.DisplacementTerm,), WRONG[fault])(MEASURED[None], sd=SD)
     with pytest.raises(AssertionError):
-        assert_term(Mutant(**WRONG[fault]), {}, RESPONSE, EXACT)
+        assert_term(term, {}, RESPONSE, EXACT)

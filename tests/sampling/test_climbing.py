@@ -37,11 +37,9 @@ class Logs:
     names, variables = PRIOR.names, {"y": ef.Variable({"i": range(3)})}
 
     def __call__(self, p):
-        """Return them."""
         return {"y": np.column_stack([np.log(p["s"]), np.log(p["t"]), p["x"]])}
 
     def jacobian(self, p):
-        """Return them and their derivatives."""
         slopes = np.ones_like(p["x"]) / [p["s"], p["t"], np.ones_like(p["x"])]
         by = {n: slopes[i][:, None] * np.eye(3)[i] for i, n in enumerate("stx")}
         return self(p), {"y": by}

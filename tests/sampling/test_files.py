@@ -9,6 +9,7 @@ import json
 import os
 import random
 import threading
+import tracemalloc
 from copy import copy
 
 import emcee
@@ -421,6 +422,18 @@ def test_what_a_failure_stopped_goes_on_with_reject(path, kind):
     with pytest.raises(ArithmeticError):
         kind(path, on_failure="raise", **options)
     assert bits(kind(path, **options)) == bits(kind(None, **options))
+
+
+def test_memory_does_not_hold_the_steps(path):
+    posterior = ef.paper.mass_spring().posterior
+    options = {"nwalkers": 200, "ensembles": 1}
+    sampled(path, posterior, steps=1, **options)
+    tracemalloc.start()
+    (sampler,) = sampled(path, posterior, steps=40, **options)
+    grown, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    stored = sampler.get_chain().nbytes + sampler.get_blobs().nbytes
+    assert grown < stored / 4
 
 
 def test_the_keyboard_is_told_where_the_run_is_and_one_just_begun_has_no_chain(path):

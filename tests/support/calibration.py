@@ -44,8 +44,6 @@ def shorten_search(monkeypatch):
 def simulated(frequencies, beta, rng):
     """Draw measured frequencies from the law that the likelihood states."""
     width = 8 / np.sqrt(beta)
-    if width >= 1:
-        raise ValueError(f"beta: expected above 64, got {beta}")
     measured = np.empty_like(frequencies)
     for i, frequency in enumerate(frequencies):
         while True:  # the density of u, by rejection from the Gaussian without 1 / u
@@ -71,7 +69,6 @@ class Bent:
     names, variables = BENT.names, {"y": ef.Variable({"i": range(5)})}
 
     def __call__(self, parameters):
-        """Return it."""
         x = np.stack([*parameters.values()], axis=1)
         return {"y": x + 0.3 * np.roll(x, 1, axis=1) ** 2}
 
@@ -101,11 +98,7 @@ def auto_ranks(simulate, datasets, seed):
     """Return the ranks ``(datasets, d + 1)`` of the truth among the draws of "auto".
 
     The draws are all walkers of one ensemble at two generations, begun from nothing.
-
-    Args:
-        simulate: ``simulate(rng) -> (posterior, truth)`` makes a data set.
-        datasets: How many.
-        seed: A whole number.
+    ``simulate(rng)`` makes a data set and returns its posterior and the truth.
     """
     result = []
     for stream in np.random.SeedSequence(seed).spawn(datasets):
@@ -125,12 +118,7 @@ def ranks(moves, datasets, seed=0, stated_beta=BETA):
     then ``moves(pilot)``, a function of the draws of its second half, ``(n, 5)``, for
     about four autocorrelation times. The draws are all walkers, which are independent
     at any one generation of a valid sampler; many of them cost little more than few.
-
-    Args:
-        moves: Makes the moves.
-        datasets: How many.
-        seed: A whole number.
-        stated_beta: beta of the likelihood; the data always have the paper's.
+    The data always have the paper's beta, whatever the likelihood states.
     """
     result = []
     for stream in np.random.SeedSequence(seed).spawn(datasets):

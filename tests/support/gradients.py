@@ -5,8 +5,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from emcee_femu import (
-    GaussianPrior,
-    LogPosterior,
     ModalSolution,
     Variable,
     modal_variables,
@@ -114,16 +112,3 @@ class LinearTerm:
         points = slice(self.first, self.last)
         r = response["y"][:, points] - DATA[points]
         return r, np.full_like(r, self.sd)
-
-
-def linear_posterior(jacobian=True):
-    """Return a Gaussian posterior, its mean and its covariance."""
-    prior = GaussianPrior(LinearModel.names, np.zeros(3), np.ones(3))
-
-    def misfit(parameters, response):
-        return -0.5 * ((response["y"] - DATA) ** 2).sum(axis=1) / 0.2**2
-
-    model = LinearDerived() if jacobian else LinearModel()
-    covariance = np.linalg.inv(LINEAR.T @ LINEAR / 0.2**2 + np.eye(3))
-    mean = covariance @ LINEAR.T @ DATA / 0.2**2
-    return LogPosterior(model, misfit, prior), mean, covariance
