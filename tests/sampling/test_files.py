@@ -16,10 +16,9 @@ import emcee
 import numpy as np
 import pytest
 from scipy import stats
-from support.calibration import shorten_search
 from support.examples import TESTS
 from support.pool_problems import start_script
-from support.runs import assert_same, failures
+from support.runs import assert_same, failures, shorten_search
 from support.stored import COUNT, DATA, KINDS, Gaussian, annealed, bits, posed, sampled
 from support.systems import inherits, posix
 

@@ -35,37 +35,6 @@ def test_resampling_is_unbiased_and_off_by_less_than_one_each():
     assert (np.abs(counts.mean(axis=0) - 40 * weights) < 5 * error + 1e-12).all()
 
 
-# A Gaussian cut at zero, whose evidence is LOG_Z, and proposals that reach beyond.
-LOG_Z = -7.0
-AREA = 0.5 * np.sqrt(2 * np.pi) * stats.norm.cdf(1.0)
-
-
-def half(x):
-    """Return rows of the log-posterior and the log-prior."""
-    log_p = LOG_Z - np.log(AREA) - 2 * (x - 0.5) ** 2
-    log_prior = -0.125 * x**2 - 0.5 * np.log(8 * np.pi)
-    return np.hstack([np.where(x > 0, log_p, -np.inf), log_prior])
-
-
-def component(mean, sd):
-    return Mixture(np.ones(1), np.array([[mean]]), np.array([[[sd**2]]]), 50.0)
-
-
-def test_draws_of_several_proposals_weigh_as_those_of_their_mixture():
-    """Of the evidence they are an unbiased estimate, though half are impossible."""
-    proposals, evidences = [component(1.0, 0.3), component(-0.5, 1.0)], []
-    for seed in range(400):
-        rng = np.random.default_rng(seed)
-        x = rng.normal(0.0, 2.0, (20, 1))
-        draws = Draws(x, half(x))
-        for proposal, number in zip(proposals, (40, 20), strict=True):
-            x = proposal.draw(rng, number)
-            draws.add(x, half(x), proposal)
-        evidences.append(np.exp(draws.log_evidence - LOG_Z))
-    error = np.std(evidences, ddof=1) / np.sqrt(400)
-    assert abs(np.mean(evidences) - 1) < 4 * error < 0.05
-
-
 def gaussian(x):
     return -0.5 * (x**2).sum(axis=1) - 3 * np.log(2 * np.pi)
 

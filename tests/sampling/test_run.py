@@ -1,17 +1,14 @@
 """run: seeds, starts, ensembles, moves, and the traps of plain emcee."""
 
-import io
 import sys
 
 import emcee
 import numpy as np
 import pytest
-from emcee.pbar import get_progress_bar
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
-from support.calibration import shorten_search
 from support.free_posterior import box, free_posterior
-from support.runs import Still
+from support.runs import Still, shorten_search
 
 import emcee_femu as ef
 
@@ -124,18 +121,3 @@ def test_a_bar_or_lines_are_shown(terminal, asked, shown, monkeypatch, capsys):
     if shown == "lines":
         counts = [line.split()[2].split("/")[0] for line in said.splitlines()]
         assert [int(count) for count in counts] == [*range(3, 31, 3)]
-
-
-def test_a_notebook_shows_its_bar(monkeypatch):
-    pytest.importorskip("ipywidgets")
-    kernel = type("OutStream", (io.StringIO,), {"__module__": "ipykernel.iostream"})
-    asked = []
-
-    def note(kind, total, desc):
-        asked.append(kind)
-        return get_progress_bar(False, total)
-
-    monkeypatch.setattr(sys, "stderr", kernel())
-    monkeypatch.setattr("emcee_femu.evaluation.samplers.get_progress_bar", note)
-    run(steps=3)
-    assert asked == ["notebook"]

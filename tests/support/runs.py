@@ -29,3 +29,11 @@ def assert_same(one, other):
         for mine, yours in zip(*states, strict=True):
             np.testing.assert_array_equal(mine, yours)
         assert a.iteration == b.iteration > 0
+
+
+def shorten_search(monkeypatch):
+    """Let "auto" take less care: starts that a valid sampler may well have."""
+    monkeypatch.setattr("emcee_femu.sampling.auto.FEWEST_SEARCHED", 400)
+    monkeypatch.setattr("emcee_femu.sampling.auto.ROUND", 200)
+    monkeypatch.setattr("emcee_femu.sampling.auto.TAIL_ROUNDS", 1)
+    monkeypatch.setattr("emcee_femu.sampling.search.FRUITLESS", 2)
