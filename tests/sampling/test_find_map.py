@@ -8,6 +8,7 @@ from support.examples import load
 from support.free_posterior import free_posterior
 from support.gradients import MEASURED, SHAPES, Derived
 from support.pool_problems import forks
+from support.runs import Counting
 from support.tempered_laws import GaussianLaw
 
 import emcee_femu as ef
@@ -23,26 +24,12 @@ def density_posterior(log_density, spread, bounds=None):
     return free_posterior(lambda theta: log_density(theta) - prior.logpdf(theta), prior)
 
 
-class Counting:
-    """A model that counts its solves, without derivatives."""
-
-    def __init__(self, model):
-        self.model, self.variables, self.solves = model, model.variables, 0
-
-    def __call__(self, parameters):
-        self.solves += len(next(iter(parameters.values())))
-        return self.model(parameters)
-
-
 class Deriving(Counting):
-    """The same, with derivatives."""
+    """A model that counts its solves, with derivatives."""
 
     def jacobian(self, parameters):
         self.solves += len(next(iter(parameters.values())))
         return self.model.jacobian(parameters)
-
-
-# --- Gaussians, of which all is known ---------------------------------------------
 
 
 def test_a_linear_gaussian_problem_is_exact_and_its_check_says_so():
@@ -89,9 +76,6 @@ def test_a_black_box_gaussian_is_exact_whatever_its_shape(covariance):
     assert result.solves <= 2 * hessian + 5 * 2 * (2 * d + 1)
 
 
-# --- bounds -----------------------------------------------------------------------
-
-
 def test_a_maximum_in_a_corner_has_the_evidence_of_the_exponential():
     bounds = [(0.0, 5.0), (-1.0, 1.0), (-9.0, 9.0)]
     posterior = density_posterior(
@@ -135,9 +119,6 @@ def test_a_gaussian_beyond_its_bounds_has_the_mass_that_is_inside(outside):
     kept = np.column_stack([first, others])[inside]
     stated = np.array(result.table.column("sd 1"))
     assert_allclose(stated / kept.std(axis=0), 1.0, atol=0.15)
-
-
-# --- several maxima, and none -----------------------------------------------------
 
 
 def test_two_modes_have_the_weights_of_quadrature():
@@ -187,9 +168,6 @@ def test_a_density_without_bound_is_told():
         ef.find_map(ef.LogPosterior(model, term, prior), seed=1)
 
 
-# --- solves -----------------------------------------------------------------------
-
-
 def test_the_problem_of_the_paper_takes_few_solves():
     problem = ef.paper.mass_spring()
     for kind, each in ((Deriving, 5), (Counting, 5 * (1 + problem.posterior.ndim))):
@@ -216,9 +194,6 @@ def test_the_number_of_workers_changes_nothing(kind):
         assert_array_equal(b.theta, c.theta)
         assert_array_equal(b.covariance, c.covariance)
         assert_allclose(a.theta, b.theta, rtol=1e-6)
-
-
-# --- failures ---------------------------------------------------------------------
 
 
 def broken(p):
@@ -266,9 +241,6 @@ def test_a_jacobian_that_fails_is_done_without():
     assert best.converged and off @ np.linalg.solve(same.covariance, off) < 0.05**2
     with pytest.raises(np.linalg.LinAlgError):
         ef.find_map(stopping, 4, seed=1)
-
-
-# --- draws ------------------------------------------------------------------------
 
 
 def test_draws_are_those_of_the_gaussians():

@@ -3,6 +3,7 @@
 import arviz as az
 import numpy as np
 import pytest
+from support.runs import Counting
 
 import emcee_femu as ef
 from emcee_femu.sampling.search import follow_modes
@@ -15,7 +16,7 @@ PRIOR = ef.GaussianPrior(["k1", "k2"], [1_200, 1_400], [400, 400], [(200, 4_000)
 ALIKE = ef.GaussianPrior(["k1", "k2"], [1_300, 1_300], [400, 400], PRIOR.bounds)
 
 
-def run_of(model, steps=150, prior=PRIOR, **options):
+def run_of(model, steps=60, prior=PRIOR, **options):
     term = ef.FrequencyTerm(MEASURED, relative_sd=0.02)
     posterior = ef.LogPosterior(model, term, prior)
     return ef.run(posterior, nwalkers=16, steps=steps, seed=1, **options)
@@ -78,21 +79,8 @@ def test_a_mode_that_lost_its_shape_is_not_followed():
     assert numbers.tolist() == [[1, 2], [0, 0]]
 
 
-class Counted:
-    """The model, which counts its solves."""
-
-    names, bounds, variables = MODEL.names, MODEL.bounds, MODEL.variables
-
-    def __init__(self):
-        self.solves = 0
-
-    def __call__(self, parameters):
-        self.solves += len(parameters["k1"])
-        return MODEL(parameters)
-
-
 def test_following_is_counted_in_solves_also_in_a_file(tmp_path):
-    model, path = Counted(), str(tmp_path / "run.chain")
+    model, path = Counting(MODEL), str(tmp_path / "run.chain")
     counted = run_of(model, 20)
     assert counted.search.followed and counted.solves == model.solves
     run_of(MODEL, 10, backend=path)

@@ -1,8 +1,19 @@
-"""What tests of runs share: what they carry beside their chains, and a move."""
+"""What tests of runs share: what they carry beside their chains, and what is run."""
 
 import numpy as np
 
 import emcee_femu as ef
+
+
+class Counting:
+    """A model that counts its solves, without derivatives."""
+
+    def __init__(self, model):
+        self.model, self.variables, self.solves = model, model.variables, 0
+
+    def __call__(self, parameters):
+        self.solves += len(next(iter(parameters.values())))
+        return self.model(parameters)
 
 
 class Still(ef.DEMCMove):
