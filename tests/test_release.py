@@ -63,11 +63,8 @@ def released(tmp_path):
     change(tmp_path / "CHANGELOG.md", "] - unreleased, ", "] - ")
     cited = tmp_path / "CITATION.cff"
     if "date-released" not in cited.read_text(encoding="utf-8"):
-        change(
-            cited,
-            f"\nversion: {VERSION}\n",
-            f"\nversion: {VERSION}\ndate-released: {date}\n",
-        )
+        line = f"\nversion: {VERSION}\n"
+        change(cited, line, f"{line}date-released: {date}\n")
     return tmp_path
 
 

@@ -8,6 +8,7 @@ import pytest
 import emcee_femu as ef
 
 POSTERIOR = ef.paper.mass_spring().posterior
+MODEL = POSTERIOR.model
 
 
 class Emulated:
@@ -27,6 +28,8 @@ M = np.eye(2)
         (lambda: ef.run(POSTERIOR, ef.DEMCMove, seed=1), TypeError, r"DEMCMove\(\)"),
         (lambda: ef.run(lambda theta: 0.0, seed=1), TypeError, "from_function"),
         (lambda: ef.diagnose(Emulated()), TypeError, r"\.posterior"),
+        (lambda: MODEL([1.0]), TypeError, "{name"),
+        (lambda: MODEL({"k1": [1.0], "k3": [1.0, 2.0]}), ValueError, "one length"),
         (lambda: ef.GaussianPrior({"k1": (50, 9)}), TypeError, r"\['k1'\], mean, sd"),
         (lambda: ef.GaussianPrior(["k1"], [50.0]), ValueError, "sd"),
         (lambda: ef.MatrixModel("K.mtx", M, {}, n_modes=1), TypeError, "read_matrices"),

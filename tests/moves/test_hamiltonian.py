@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from emcee.model import Model
 from support.checks import LIMIT, BoundedTriangle, Gaussian
-from support.gradients import MEASURED, Derived, Failing, Solver
+from support.gradients import PRIOR, TERM, Derived, Failing, Solver
+from support.runs import never
 
 import emcee_femu as ef
 
@@ -74,9 +75,7 @@ def travel(move, target, walkers=6_000, steps=5):
         state, moved = move.propose(model, state)
         accepted.append(moved.mean())
     # Several points round otherwise than few.
-    np.testing.assert_allclose(
-        state.log_prob, target(state.coords), rtol=1e-9, atol=1e-9
-    )
+    np.testing.assert_allclose(state.log_prob, target(state.coords), 1e-9, 1e-9)
     return state.coords, np.mean(accepted)
 
 
@@ -129,10 +128,6 @@ def test_rejections_fall_with_the_square_of_the_step(ndim):
     assert 3.6 < rejected(2) / rejected(4) < 4.6
 
 
-PRIOR = ef.GaussianPrior(["a", "b"], [1.0, 1.0], 0.1, [(0.9, 1.4), (0.5, 1.05)])
-TERM = ef.FrequencyTerm(MEASURED, relative_sd=0.05)
-
-
 def run(moves, posterior, nwalkers=12, steps=8, **options):
     options = {"seed": 5, "ensembles": 1, **options}
     return ef.run(posterior, moves, nwalkers, steps, **options)
@@ -163,13 +158,9 @@ def test_a_failure_names_its_place():
     assert "'a': 1." in "".join(getattr(caught.value, "__notes__", []))
 
 
-def refuse_to_solve(theta):
-    raise AssertionError("evaluated")
-
-
 def test_what_has_no_gradients_is_refused_by_name():
     move = ef.moves.HamiltonianMove()
-    sampler = emcee.EnsembleSampler(4, 2, refuse_to_solve, moves=move)
+    sampler = emcee.EnsembleSampler(4, 2, never, moves=move)
     with pytest.raises(TypeError, match="log_prob_fn.*gradient"):
         sampler.run_mcmc(emcee.State(np.eye(4)[:, :2], log_prob=np.zeros(4)), 1)
     posterior = ef.LogPosterior(Solver(), TERM, PRIOR)

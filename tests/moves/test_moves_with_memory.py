@@ -6,7 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 import emcee
 import numpy as np
 import pytest
-from support.gradients import MEASURED, Failing
+from support.gradients import PRIOR, TERM, Failing
+from support.runs import never
 from support.stored import bits, posed, sampled
 
 import emcee_femu as ef
@@ -136,7 +137,6 @@ def test_memory_that_a_stored_step_does_not_need_is_not_refused(path, kept):
     assert bits(sampled(path, steps=6, **options)) == whole
 
 
-PRIOR = ef.GaussianPrior(["a", "b"], [1.0, 1.0], 0.1, [(0.9, 1.4), (0.5, 1.05)])
 OWN = {
     "DE-MC": [
         (ef.DEMCMove(nsplits=4, mode_jump=0.3), 0.5),
@@ -157,8 +157,7 @@ OWN = {
 @pytest.mark.parametrize("move", OWN.values(), ids=OWN)
 def test_the_packages_own_moves_remember_nothing_that_decides(path, move):
     """A resumed run is that of one that was never stopped, though solves fail."""
-    term = ef.FrequencyTerm(MEASURED, relative_sd=0.05)
-    posterior = ef.LogPosterior(Failing(), term, PRIOR)
+    posterior = ef.LogPosterior(Failing(), TERM, PRIOR)
     options = {"moves": move, "nwalkers": 24}
     whole = sampled(None, posterior, steps=8, **options)
     assert whole.failures.causes["exception"] > 0
@@ -188,9 +187,6 @@ class Locked(emcee.moves.StretchMove):
 
 
 def test_what_cannot_be_copied_is_refused_by_name_before_a_solve():
-    def forbidden(p):
-        raise AssertionError("solved")
-
-    posterior = posed(model=ef.FunctionModel(forbidden, n_modes=3), term=lambda p, r: 0)
+    posterior = posed(model=ef.FunctionModel(never, n_modes=3), term=lambda p, r: 0)
     with pytest.raises(TypeError, match="Locked.*lock"):
         ef.run(posterior, Locked(), seed=1)

@@ -52,14 +52,9 @@ def test_row_is_posterior_prior_terms_frequencies():
     assert_allclose(rows, np.c_[(*densities, frequencies)], rtol=1e-12)
     assert_allclose(posterior.unfold(rows)["frequency"], frequencies, rtol=1e-12)
     assert posterior.term_names == ("frequency", "negative_a")
-    assert posterior.labels == (
-        "log_posterior",
-        "log_prior",
-        "log_likelihood[frequency]",
-        "log_likelihood[negative_a]",
-        "frequency[1]",
-        "frequency[2]",
-    )
+    terms = "log_likelihood[frequency]", "log_likelihood[negative_a]"
+    modes = "frequency[1]", "frequency[2]"
+    assert posterior.labels == ("log_posterior", "log_prior", *terms, *modes)
     assert_array_equal(rows[:, posterior.columns["frequency"]], rows[:, 4:])
     same = pickle.loads(pickle.dumps(posterior))
     assert_array_equal(same(theta), rows)

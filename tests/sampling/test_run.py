@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from support.free_posterior import box, free_posterior
-from support.runs import Still, shorten_search
+from support.runs import Still, never, shorten_search
 
 import emcee_femu as ef
 
@@ -80,10 +80,6 @@ def test_integer_starts_are_converted_instead_of_truncated():
     (chain,) = chains(starts=start)
     assert_array_equal(chain, chains(starts=start.astype(float))[0])
     assert (chain[-1] % 1 != 0).any()
-
-
-def never(parameters):
-    raise AssertionError("solved")
 
 
 UNSOLVED = ef.LogPosterior(

@@ -4,11 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from emcee_femu import (
-    ModalSolution,
-    Variable,
-    modal_variables,
-)
+import emcee_femu as ef
 
 MEASURED = np.array([1.02, 1.43, 2.1])
 RNG = np.random.default_rng(7)
@@ -30,11 +26,11 @@ class Solver:
 
     solved: list = field(default_factory=list)
     names = ("a", "b")
-    variables = modal_variables(3) | {"shapes": Variable({}, stored=False)}
+    variables = ef.modal_variables(3) | {"shapes": ef.Variable({}, stored=False)}
 
     def __call__(self, parameters):
         self.solved.append(len(parameters["a"]))
-        return ModalSolution(*modes(parameters["a"], parameters["b"]))
+        return ef.ModalSolution(*modes(parameters["a"], parameters["b"]))
 
 
 class Derived(Solver):
@@ -50,6 +46,10 @@ class Derived(Solver):
                 SLOPES[:, :, j], solution.shapes.shape
             )
         return solution, by_name
+
+
+PRIOR = ef.GaussianPrior(["a", "b"], [1.0, 1.0], 0.1, [(0.9, 1.4), (0.5, 1.05)])
+TERM = ef.FrequencyTerm(MEASURED, relative_sd=0.05)
 
 
 class Failing(Derived):
@@ -78,7 +78,7 @@ class LinearModel:
     """A response y that is linear in three parameters."""
 
     names = ("a", "b", "c")
-    variables = {"y": Variable({"point": range(4)})}
+    variables = {"y": ef.Variable({"point": range(4)})}
 
     def __call__(self, parameters):
         return {"y": np.stack([parameters[n] for n in self.names], axis=1) @ LINEAR.T}
