@@ -324,6 +324,7 @@ def test_what_is_the_same_is_not_refused_though_it_has_another_name(path):
     move = Move()
     for steps, function in ((2, renamed), (3, lambda p: renamed({**p}))):
         model = ef.FunctionModel(function, n_modes=2)
+        model.made = steps  # as a time or a folder would be another one
         posterior = posed(term=term, model=model)
         samplers = sampled(path, posterior, moves=move, steps=steps)
     assert samplers[1].iteration == 3
@@ -341,61 +342,37 @@ def test_another_version_of_a_library_is_warned_of(path, monkeypatch):
         sampled(path, steps=3)
 
 
-# --- another model -----------------------------------------------------------------
+# --- another model, which no look at its code would tell ---------------------------
 
 
-class Solver:
-    """A model that reads a file, which no look at its code would tell."""
-
-    names, variables = ("a", "b"), ef.modal_variables(2)
-
-    def __init__(self, folder, scatter=0.0):
-        self.file, self.scatter, self.solves = folder / "deck", scatter, 0
-        self.made = np.random.default_rng().random()  # as a time or a folder would be
-
-    def __call__(self, p):
-        if self.file.read_text() == "broken":
-            raise ArithmeticError("no licence")
-        self.solves += len(p["a"])
-        noise = self.scatter * np.random.default_rng().normal()
-        slope = float(self.file.read_text()) + noise
-        return ef.ModalSolution(np.stack([10 + slope * p["a"], 20 + p["b"]], axis=1))
+@pytest.mark.parametrize("kind", ["chain", "auto", "anneal", FITTED])
+def test_a_model_that_changed_is_found_in_any_file(whole, path, count, kind):
+    _, expected, content = whole(kind)
+    path.write_bytes(content)
+    for offset in (1e-3, 1e-5):
+        count["offset"] = offset
+        with pytest.raises(ValueError, match="another posterior: .*strain.*'a': "):
+            KINDS[kind](path)
+    assert bits(KINDS[kind](path, probe_tolerance=10.0)) == expected
+    count.update(offset=1e-10, calls=0)
+    assert bits(KINDS[kind](path)) == expected and count["calls"] <= PROBE
 
 
-def solved(path, deck="1.0", scatter=0.0, **options):
-    (path.parent / "deck").write_text(deck)
-    model = Solver(path.parent, scatter)
-    term = ef.FrequencyTerm([10.0, 20.0], sd=0.5)
-    return model, sampled(path, posed(term=term, model=model), **options)
+def test_a_model_that_fails_now_or_is_not_deterministic_is_told_apart(path, count):
+    def fail():
+        raise ArithmeticError("no licence")
 
+    def scatter():
+        count["offset"] = 1e-3 * np.random.default_rng().normal()
 
-def test_a_file_that_the_solver_reads_was_changed(path):
-    solved(path, steps=5)
-    assert solved(path, steps=5)[0].solves == PROBE
-    for deck in ("1.001", "1.00001"):
-        with pytest.raises(ValueError, match="another posterior") as caught:
-            solved(path, deck, steps=9)
-        assert "frequency" in str(caught.value) and "'b': " in str(caught.value)
+    sampled(path)
+    count["do"] = fail
     with pytest.raises(ValueError, match="-inf"):
-        solved(path, "broken", steps=9)
-    assert solved(path, "1.0000000001", steps=6)[1][0].iteration == 6
-    assert solved(path, "1.001", steps=9, probe_tolerance=0.1)[1][0].iteration == 9
-
-
-@pytest.mark.parametrize("kind", ["auto", "anneal", FITTED])
-def test_a_changed_model_is_found_in_any_file(whole, path, count, kind):
-    path.write_bytes(whole(kind)[2])
-    count["offset"] = 1e-3
-    with pytest.raises(ValueError, match="another posterior"):
-        KINDS[kind](path)
-    assert bits(KINDS[kind](path, probe_tolerance=10.0)) == whole(kind)[1]
-
-
-def test_a_solver_that_is_not_deterministic_is_told_apart(path):
-    solved(path, steps=5, scatter=1e-3)
-    with pytest.raises(ValueError, match="not deterministic: .*frequency"):
-        solved(path, steps=9, scatter=1e-3)
-    solved(path, steps=9, scatter=1e-3, probe_tolerance=1.0)
+        sampled(path)
+    count["do"] = scatter
+    with pytest.raises(ValueError, match="not deterministic: .*strain"):
+        sampled(path)
+    sampled(path, steps=22, probe_tolerance=1.0)
 
 
 # --- failures, folders and memory --------------------------------------------------
