@@ -61,16 +61,6 @@ def test_the_gaussian_is_cut_at_its_bounds(cut, mean, sd):
     check_cut_law(prior, stats.norm(mean, sd), low, high, start, stop)
 
 
-def test_without_bounds_the_gaussian_is_a_sum_of_norm_logpdf():
-    mean, sd = np.array([4e3, 3e-8, 2.1e11, -1.0]), np.array([5e2, 1e-8, 1e10, 1e-3])
-    prior = ef.GaussianPrior(["k", "I", "E", "c"], mean, sd)
-    theta = mean + sd * np.random.default_rng(1).normal(0, 3, (50, 4))
-    expected = stats.norm.logpdf(theta, mean, sd).sum(axis=1)
-    assert_allclose(prior.logpdf(theta), expected, rtol=1e-12)
-    assert prior.names == ("k", "I", "E", "c")
-    assert_array_equal(prior.bounds, [[-INF, INF]] * 4)
-
-
 MARGINALS = {
     "u": stats.uniform(1e3, 4e3),
     "ln": stats.lognorm(0.5, scale=3e-8),

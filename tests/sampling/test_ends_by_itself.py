@@ -87,11 +87,11 @@ def test_a_batch_is_timed_where_the_first_solve_looks_slow(slow, monkeypatch):
     def sleepy(x):
         calls.append(len(x))
         if len(calls) <= slow:
-            time.sleep(0.2)
+            time.sleep(0.5)
         return gaussian(x)
 
-    # Far from .2 s / 16 and from nothing, for so many evaluations.
-    monkeypatch.setattr(LONG_RUN, 4 * 10 * 4 * 0.008)
+    # Far from .5 s / 16 and from nothing, for so many evaluations.
+    monkeypatch.setattr(LONG_RUN, 4 * 10 * 4 * 0.02)
     posterior = free_posterior(sleepy, box(-9, 9, 2))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
