@@ -4,44 +4,19 @@ import emcee
 import numpy as np
 import pytest
 from scipy import stats
+from support.tempered_laws import GaussianLaw
 
 import emcee_femu as ef
 
-# A linear model of three parameters: f = C theta, Gaussian prior, Gaussian errors.
-C = np.array([[1.0, 0.2, 0.0], [0.5, 1.0, 0.3], [0.1, 0.4, 2.0], [0.3, 0.3, 0.3]])
-TRUTH = np.array([40.0, 60.0, 20.0])
-MEASURED = C @ TRUTH
-PRIOR_MEAN, PRIOR_SD = np.array([44.0, 55.0, 21.0]), np.array([4.0, 6.0, 2.0])
-RELATIVE_SD = 0.01
-
-
-def linear(parameters):
-    theta = np.stack([*parameters.values()], axis=-1)
-    return ef.ModalSolution(theta @ C.T)
-
-
-def conjugate():
-    """Return the exact mean and covariance of the posterior."""
-    weight = (C.T / (RELATIVE_SD * MEASURED) ** 2) @ C
-    covariance = np.linalg.inv(weight + np.diag(PRIOR_SD**-2.0))
-    right = (C.T / (RELATIVE_SD * MEASURED) ** 2) @ MEASURED
-    return covariance @ (right + PRIOR_MEAN / PRIOR_SD**2), covariance
-
-
-def linear_posterior():
-    prior = ef.GaussianPrior(["a", "b", "c"], PRIOR_MEAN, PRIOR_SD)
-    return ef.LogPosterior(
-        linear, ef.FrequencyTerm(MEASURED, relative_sd=RELATIVE_SD), prior
-    )
+LAW = GaussianLaw()
 
 
 def test_conjugate_gaussian_posterior_is_recovered():
-    posterior = linear_posterior()
     moves = [(ef.DEMCMove(), 0.8), (ef.DEMCMove(gamma0=1.0), 0.2)]
-    samplers = ef.run(posterior, moves, 20, 300, ensembles=4, seed=1)
+    samplers = ef.run(LAW.posterior, moves, 20, 300, ensembles=4, seed=1)
     diagnosis = ef.diagnose(samplers, discard=50)
     draws = np.concatenate([s.get_chain(discard=50, flat=True) for s in samplers])
-    mean, covariance = conjugate()
+    mean, covariance = LAW.moments(1.0)
     sd = np.sqrt(np.diag(covariance))
     ess = diagnosis.ess_bulk.min()
     assert ess > 700  # else the next lines would prove little
@@ -52,18 +27,12 @@ def test_conjugate_gaussian_posterior_is_recovered():
     assert np.abs(ratio - exact).max() < 5 * np.sqrt(2 / ess)
 
 
-def test_the_evidence_constant_is_right():
-    # Mean of the likelihood over the prior, against the closed form.
-    posterior = linear_posterior()
-    theta = posterior.start(100_000, seed=2)
-    likelihood = np.exp(posterior(theta)[:, 2])
-    scale = (RELATIVE_SD * MEASURED) ** 2
-    law = stats.multivariate_normal(
-        C @ PRIOR_MEAN, np.diag(scale) + (C * PRIOR_SD**2) @ C.T
-    )
+def test_the_evidence_is_the_mean_of_the_likelihood_over_the_prior():
+    theta = LAW.posterior.start(100_000, seed=2)
+    likelihood = np.exp(LAW.posterior(theta)[:, 2])
     error = likelihood.std() / np.sqrt(len(likelihood))
     assert error < 0.1 * likelihood.mean()
-    assert abs(likelihood.mean() - law.pdf(MEASURED)) < 5 * error
+    assert abs(likelihood.mean() - np.exp(LAW.log_evidence)) < 5 * error
 
 
 def importance_moments(posterior, pilots, draws, seed):
