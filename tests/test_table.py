@@ -48,6 +48,15 @@ def test_html_is_escaped_and_has_the_same_cells():
     assert "<E>" not in text and "<kinds>" not in text
 
 
+def test_html_of_a_report_has_tables_and_escaped_sentences():
+    class Found(ef.table.Report):
+        def _parts(self):
+            return MIXED, "a < b\nc"
+
+    assert str(Found()) == f"{MIXED}\na < b\nc"
+    assert Found()._repr_html_() == f"{MIXED._repr_html_()}\n<p>a &lt; b</p>\n<p>c</p>"
+
+
 def test_a_frame_keeps_every_digit():
     frame = MIXED.to_frame()
     assert tuple(frame.columns) == MIXED.columns

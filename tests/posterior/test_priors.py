@@ -59,6 +59,7 @@ def test_the_gaussian_is_cut_at_its_bounds(cut, mean, sd):
     stop = high if high < INF else max(low, mean) + 9 * sd
     prior = ef.GaussianPrior(["flat", "a"], *flat)
     check_cut_law(prior, stats.norm(mean, sd), low, high, start, stop)
+    assert ef.GaussianPrior(["a"], [mean], sd).bounds.tolist() == [[-INF, INF]]
 
 
 MARGINALS = {
