@@ -57,6 +57,12 @@ def test_html_of_a_report_has_tables_and_escaped_sentences():
     assert Found()._repr_html_() == f"{MIXED._repr_html_()}\n<p>a &lt; b</p>\n<p>c</p>"
 
 
+def test_a_prompt_shows_what_print_shows():
+    posterior = ef.paper.mass_spring().posterior
+    for shown in (MIXED, posterior, ef.find_map(posterior, 1, seed=1, check=0)):
+        assert repr(shown) == str(shown)
+
+
 def test_a_frame_keeps_every_digit():
     frame = MIXED.to_frame()
     assert tuple(frame.columns) == MIXED.columns

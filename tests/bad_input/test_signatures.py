@@ -177,3 +177,8 @@ def test_arrays_may_be_written_in_other_ways(name, way):
     }
     expected, found = (FOUND[name](call(**given)) for given in (valid, other))
     np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_whole_numbers_are_taken_as_floats():
+    whole_numbers = np.array([[100, 10], [10, 100]], np.int8)
+    assert ef.MetropolisMove(cov=whole_numbers).cov.dtype == np.float64
