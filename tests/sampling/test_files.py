@@ -196,10 +196,7 @@ def test_damage_is_refused_by_the_files_name_or_matters_to_nothing(whole, path, 
 def test_another_file_is_left_as_it_is_and_none_gone_on_with_unasked(whole, path, kind):
     own = whole(kind)[2]
     other = whole("anneal" if kind == "chain" else "chain")[2]
-    unasked = {} if kind == "emulate" else {"resume": False}
-    for content, options in ((b"mine", {}), (other, {}), (own, unasked)):
-        if content == own and not unasked:
-            continue
+    for content, options in ((b"mine", {}), (other, {}), (own, {"resume": False})):
         path.write_bytes(content)
         COUNT["calls"] = 0
         with pytest.raises(ValueError, match="run.stored"):
@@ -351,7 +348,7 @@ def test_a_model_that_changed_is_found_in_any_file(whole, path, count, kind):
     path.write_bytes(content)
     for offset in (1e-3, 1e-5):
         count["offset"] = offset
-        with pytest.raises(ValueError, match="another posterior: .*strain.*'a': "):
+        with pytest.raises(ValueError, match="another posterior: .*(strain|y).*'a': "):
             KINDS[kind](path)
     assert bits(KINDS[kind](path, probe_tolerance=10.0)) == expected
     count.update(offset=1e-10, calls=0)

@@ -79,7 +79,7 @@ def annealed(path, posterior=None, steps=0, resume=True, **options):
 def emulated(path, posterior=None, steps=0, resume=True, **options):
     options = {"solves": 8, "seed": 1, "tolerance": 0.0} | options
     posterior = posterior or posed(prior=ALONE)
-    return ef.emulate(posterior, **REJECT | in_file(path) | options)
+    return ef.emulate(posterior, **REJECT | in_file(path, resume=resume) | options)
 
 
 KINDS = {
