@@ -135,12 +135,11 @@ def pressed(x):
     return -0.5 * (((np.exp(0.5 * (x - truth) @ mixed.T) - 1) / 0.02) ** 2).sum(axis=1)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_the_search_keeps_to_its_budget_whatever_lies_at_bounds(seed, caplog):
+def test_the_search_keeps_to_its_budget_whatever_lies_at_bounds(caplog):
     """Fault 23: 94,802 to 157,164 evaluations for chains of 8,000 to 13,000."""
     caplog.set_level("INFO", "emcee_femu")
     posterior = free_posterior(pressed, box(0, 1, PRESSED))
-    run = ef.run(posterior, "auto", steps=20, ensembles=2, seed=seed)
+    run = ef.run(posterior, "auto", steps=20, ensembles=2, seed=0)
     (said,) = caplog.messages
     (most,) = re.findall(r"about ([\d,]+)", said)
     assert 0.3 < run.search.solves / int(most.replace(",", "")) <= 1
