@@ -48,7 +48,8 @@ def two_arms(x):
     return np.logaddexp(*arms)
 
 
-@pytest.mark.parametrize("seed", [pytest.param(4, marks=pytest.mark.slow), 7])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [4, 7])
 def test_tails_are_followed_although_climbs_took_many_solves(seed):
     """Their variance is in the weighted draws: climbs by differences are dear."""
     posterior = free_posterior(two_arms, TWO)
