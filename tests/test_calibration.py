@@ -1,27 +1,153 @@
 """Simulation-based calibration of a posterior's whole chain, and of "auto".
 
+Parameters are drawn from the prior and measured frequencies are simulated with them.
+The parameters are then themselves a draw of the posterior given these frequencies, so
+that among L independent draws of a sampler their rank is uniform on 0 .. L, data set by
+data set. The rank of the log-likelihood is tested too: it sees a wrong width of the
+posterior at once, which each parameter sees only in part.
+
+The law of the data must be that of the likelihood, exactly. FrequencyTerm divides by
+the *measured* frequency, so that for a model frequency f, p(fm | f) is proportional to
+exp(-beta (f / fm - 1)^2 / 2) / fm. With u = f / fm this is exp(-beta (u - 1)^2 / 2) / u
+whatever f is, so that its constant does not depend on the parameters: fm = f / u with u
+drawn from this density, cut at 8 standard deviations from 1. f (1 + noise) resembles it
+to first order only.
+
 The test, stated: of the ranks, for each parameter and the log-likelihood, the z-scores
 of their mean and of their mean square about the middle of the uniform law. LIMIT is the
 quantile of the normal law that one of these twelve exceeds with a probability of 1e-4
 for a sound chain, over the choice of the seed. For a mutant at least one exceeds it.
 Moves by themselves are held to their law by exact starts (moves/test_moves_law.py).
+
+Sources: Talts, Betancourt, Simpson, Vehtari and Gelman (2018), arXiv:1804.06788;
+Modrak et al. (2023), arXiv:2211.02383, on the log-likelihood as a test quantity.
 """
 
 import numpy as np
 import pytest
 from scipy import stats
-from support.calibration import (
-    BETA,
-    QUANTITIES,
-    auto_ranks,
-    bent,
-    ranks,
-    scores,
-    shorten_search,
-    simulated,
-)
+from support.runs import shorten_search
 
 import emcee_femu as ef
+
+WALKERS, PILOT, APART = 32, 120, 50
+DRAWS = WALKERS - 1
+PROBLEM = ef.paper.mass_spring()
+PRIOR = PROBLEM.posterior.prior
+BETA = PROBLEM.posterior.terms[0].beta[0]
+QUANTITIES = (*PRIOR.names, "log-likelihood")
+AUTO_WALKERS, SNAPSHOTS, AUTO_APART = 16, 2, 10  # about four autocorrelation times
+BENT = ef.GaussianPrior([f"x{i}" for i in range(5)], np.zeros(5), 1.0, [(-6, 6)] * 5)
+
+
+def simulated(frequencies, beta, rng):
+    """Draw measured frequencies from the law that the likelihood states."""
+    width = 8 / np.sqrt(beta)
+    measured = np.empty_like(frequencies)
+    for i, frequency in enumerate(frequencies):
+        while True:  # the density of u, by rejection from the Gaussian without 1 / u
+            u = 1 + rng.standard_normal() / np.sqrt(beta)
+            if abs(u - 1) < width and rng.random() * u < 1 - width:
+                break
+        measured[i] = frequency / u
+    return measured
+
+
+def mass_spring(rng, stated_beta=BETA):
+    """Return the posterior of a simulated data set, and the truth ``(1, 5)``."""
+    truth = PRIOR.sample(rng, 1)
+    modes = PROBLEM.model(PROBLEM.posterior.parameters(truth))
+    measured = simulated(modes.frequencies[0], BETA, rng)
+    term = ef.FrequencyTerm(measured, beta=stated_beta)
+    return ef.LogPosterior(PROBLEM.model, term, PRIOR), truth
+
+
+class Bent:
+    """A response of five parameters, each bent by the one before it."""
+
+    names, variables = BENT.names, {"y": ef.Variable({"i": range(5)})}
+
+    def __call__(self, parameters):
+        x = np.stack([*parameters.values()], axis=1)
+        return {"y": x + 0.3 * np.roll(x, 1, axis=1) ** 2}
+
+
+def bent(rng):
+    """Return the posterior of a cheap model and simulated data, and the truth."""
+    truth, sd = BENT.sample(rng, 1), 0.5
+    y = Bent()(dict(zip(BENT.names, truth.T, strict=True)))["y"]
+    measured = y + sd * rng.standard_normal(5)
+
+    def term(parameters, response):
+        return -0.5 * (((response["y"] - measured) / sd) ** 2).sum(axis=1)
+
+    return ef.LogPosterior(Bent(), term, BENT), truth
+
+
+def rank(run, posterior, truth):
+    """Return the ranks ``(d + 1,)`` of parameters and log-likelihood of the truth."""
+    (sampler,) = run
+    log_prob, log_prior = sampler.get_log_prob(flat=True), sampler.get_blobs(flat=True)
+    draws = np.column_stack([sampler.get_chain(flat=True), log_prob - log_prior[:, 0]])
+    (row,) = posterior(truth)
+    return (draws[:DRAWS] < [*truth[0], row[0] - row[1]]).sum(axis=0)
+
+
+def auto_ranks(simulate, datasets, seed):
+    """Return the ranks ``(datasets, d + 1)`` of the truth among the draws of "auto".
+
+    The draws are all walkers of one ensemble at two generations, begun from nothing.
+    ``simulate(rng)`` makes a data set and returns its posterior and the truth.
+    """
+    result = []
+    for stream in np.random.SeedSequence(seed).spawn(datasets):
+        rng = np.random.default_rng(stream)
+        posterior, truth = simulate(rng)
+        options = {"ensembles": 1, "thin_by": AUTO_APART, "seed": rng.integers(2**31)}
+        run = ef.run(posterior, "auto", AUTO_WALKERS, SNAPSHOTS, **options)
+        result.append(rank(run, posterior, truth))
+    return np.array(result)
+
+
+def ranks(moves, datasets, seed=0, stated_beta=BETA):
+    """Return the ranks ``(datasets, 6)`` of the truth among the draws of a sampler.
+
+    Each data set has a run of its own: DE-MC from the best of some prior draws (a
+    walker from anywhere may stay for long in a corner of the box, 50 below the others),
+    then ``moves(pilot)``, a function of the draws of its second half, ``(n, 5)``, for
+    about four autocorrelation times. The draws are all walkers, which are independent
+    at any one generation of a valid sampler; many of them cost little more than few.
+    The data always have the paper's beta, whatever the likelihood states.
+    """
+    result = []
+    for stream in np.random.SeedSequence(seed).spawn(datasets):
+        rng = np.random.default_rng(stream)
+        posterior, truth = mass_spring(rng, stated_beta)
+        candidates = PRIOR.sample(rng, 2_000)
+        best = candidates[np.argsort(posterior(candidates)[:, 0])[-WALKERS:]]
+        first, second = rng.integers(2**31, size=2)
+        options = {"nwalkers": WALKERS, "ensembles": 1}
+        (pilot,) = ef.run(
+            posterior, ef.DEMCMove(), steps=PILOT, seed=first, starts=best, **options
+        )
+        chosen = moves(pilot.get_chain(discard=PILOT // 2, flat=True))
+        options |= {"thin_by": APART, "seed": second, "starts": pilot.get_chain()[-1]}
+        run = ef.run(posterior, chosen, steps=1, **options)
+        result.append(rank(run, posterior, truth))
+    return np.array(result)
+
+
+def scores(found):
+    """Return the z-scores of ranks ``(n, k)``, ``(2, k)``: of place and of width.
+
+    Those of the mean and of the mean square of what is left of uniform ranks when
+    their centre is taken away.
+    """
+    powers = np.array([[[1]], [[2]]])
+    exact = (np.arange(DRAWS + 1) - DRAWS / 2)[:, None] ** powers
+    means = ((found - DRAWS / 2) ** powers).mean(axis=1)
+    error = exact.std(axis=1) / np.sqrt(len(found))
+    return (means - exact.mean(axis=1)) / error
 
 
 class WithoutProposalDensity(ef.IndependenceMove):

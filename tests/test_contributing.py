@@ -40,17 +40,10 @@ def test_the_examples_pass_their_own_tests(modules, tmp_path, monkeypatch):
 
 
 def test_move_model_and_term_work_together(modules):
-    names = ("ScaleMove", "Cantilever", "LaplaceTerm")
-    move, model, term = (
-        getattr(module, name)()
-        for name in names
-        for module in modules
-        if hasattr(module, name)
-    )
+    made = {name: thing for module in modules for name, thing in vars(module).items()}
     (code,) = re.findall(r"`ef\.(LogPosterior\(.*\))`", TEXT)
-    names = {"Cantilever": lambda: model, "LaplaceTerm": lambda: term}
-    posterior = eval(f"ef.{code}", names | {"ef": ef, "stats": stats})
-    moves = [(move, 0.2), (ef.DEMCMove(), 0.8)]
+    posterior = eval(f"ef.{code}", made | {"ef": ef, "stats": stats})
+    moves = [(made["ScaleMove"](), 0.2), (ef.DEMCMove(), 0.8)]
     run = ef.run(posterior, moves, 12, 50, ensembles=1, seed=1)
     idata = ef.to_inference_data(run)
     assert "EI" in str(ef.parameter_table(idata))

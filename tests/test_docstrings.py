@@ -69,16 +69,13 @@ def test_an_example_runs_wherever_it_is_pasted(label):
 
 
 @pytest.mark.parametrize("label", USED | METHODS)
-def test_arguments_are_described_by_their_names_in_order(label):
+def test_arguments_results_and_errors_are_described(label):
     thing = (USED | METHODS)[label]
     if label in RECORDS:
         assert entries(thing, "Attributes") == parameters(thing)
     elif label in USED or "Args" in sections(thing):
         assert entries(thing, "Args") == parameters(thing)
-
-
-@pytest.mark.parametrize("label", PUBLIC | CONSTRUCTORS)
-def test_what_is_returned_and_raised_is_described(label):
-    thing, has = USED[label], sections(USED[label])
-    assert inspect.isclass(thing) or "Returns" in has
-    assert label in RECORDS or "Raises" in has or not parameters(thing)
+    if label in USED:
+        assert inspect.isclass(thing) or "Returns" in sections(thing)
+        described = label in RECORDS or "Raises" in sections(thing)
+        assert described or not parameters(thing)

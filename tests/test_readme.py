@@ -27,9 +27,7 @@ def assert_alike(printed, promised):
 
 
 @pytest.mark.parametrize("number", range(len(BLOCKS)))
-def test_python_blocks_run_and_print_what_is_shown(
-    number, tmp_path, monkeypatch, capsys
-):
+def test_blocks_print_what_is_shown(number, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)  # one writes a file
     (code, promised), names = BLOCKS[number], {"__name__": "page"}
     exec(compile(code, "page", "exec"), names)
@@ -40,13 +38,6 @@ def test_python_blocks_run_and_print_what_is_shown(
         assert "in eight lines" in README and len(lines) == 8
         (said,) = re.findall(r"These are ([\d,]+) solves, search included", README)
         assert names["run"].solves == pytest.approx(int(said.replace(",", "")), 0.02)
-
-
-@pytest.mark.parametrize("other", ["mean 1.26", "mean 1.23 %", "1.23"])
-def test_other_words_or_numbers_are_noticed(other):
-    assert_alike("mean  1.24\n", "mean 1.23")
-    with pytest.raises((AssertionError, ValueError)):
-        assert_alike(other, "mean 1.23")
 
 
 def test_every_python_command_names_an_existing_example():

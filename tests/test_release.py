@@ -46,9 +46,6 @@ def test_every_file_has_the_version_and_date_of_the_package():
     assert dates == sorted(dates, reverse=True)
 
 
-# --- a tag ------------------------------------------------------------------------
-
-
 def notes(tag, root):
     path = ROOT / ".github" / "release_notes.py"
     spec = importlib.util.spec_from_file_location("release_notes", path)
@@ -66,11 +63,8 @@ def released(tmp_path):
     change(tmp_path / "CHANGELOG.md", "] - unreleased, ", "] - ")
     cited = tmp_path / "CITATION.cff"
     if "date-released" not in cited.read_text(encoding="utf-8"):
-        change(
-            cited,
-            f"\nversion: {VERSION}\n",
-            f"\nversion: {VERSION}\ndate-released: {date}\n",
-        )
+        line = f"\nversion: {VERSION}\n"
+        change(cited, line, f"{line}date-released: {date}\n")
     return tmp_path
 
 
@@ -101,17 +95,11 @@ def test_a_tag_of_files_that_disagree_is_refused(released, file, old, new):
         notes(f"v{VERSION}", released)
 
 
-# --- GitHub -----------------------------------------------------------------------
-
-
 def test_ci_has_every_python_of_the_classifiers_on_three_systems():
     matrix = load(".github/workflows/ci.yml")["jobs"]["tests"]["strategy"]["matrix"]
     stated = re.findall(r"Python :: (3\.\d+)", " ".join(PROJECT["classifiers"]))
     assert sorted(matrix["python"]) == stated
     assert len({name.split("-")[0] for name in matrix["os"]}) == 3
-
-
-# --- conda-forge ------------------------------------------------------------------
 
 
 def conda_name(requirement):

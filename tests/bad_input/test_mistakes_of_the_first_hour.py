@@ -2,13 +2,13 @@
 
 import sys
 
-import emcee
 import numpy as np
 import pytest
 
 import emcee_femu as ef
 
 POSTERIOR = ef.paper.mass_spring().posterior
+MODEL = POSTERIOR.model
 
 
 class Emulated:
@@ -28,6 +28,8 @@ M = np.eye(2)
         (lambda: ef.run(POSTERIOR, ef.DEMCMove, seed=1), TypeError, r"DEMCMove\(\)"),
         (lambda: ef.run(lambda theta: 0.0, seed=1), TypeError, "from_function"),
         (lambda: ef.diagnose(Emulated()), TypeError, r"\.posterior"),
+        (lambda: MODEL([1.0]), TypeError, "{name"),
+        (lambda: MODEL({"k1": [1.0], "k3": [1.0, 2.0]}), ValueError, "one length"),
         (lambda: ef.GaussianPrior({"k1": (50, 9)}), TypeError, r"\['k1'\], mean, sd"),
         (lambda: ef.GaussianPrior(["k1"], [50.0]), ValueError, "sd"),
         (lambda: ef.MatrixModel("K.mtx", M, {}, n_modes=1), TypeError, "read_matrices"),
@@ -65,14 +67,3 @@ def test_a_first_mistake_is_named_and_no_page_of_emcee_printed(posed, named, cap
     with pytest.raises((ValueError, RuntimeError), match=named):
         ef.run(storeys(**posed), steps=5, ensembles=1, seed=1)
     assert capsys.readouterr() == ("", "")  # emcee would print sixty lines
-
-
-def test_a_start_outside_the_bounds_is_refused_also_in_a_script_of_emcee():
-    target = storeys()
-    start = target.start(8, seed=1)
-    sampler = emcee.EnsembleSampler(8, 2, target, moves=ef.DEMCMove(), vectorize=True)
-    with pytest.raises(ValueError, match="initial_state"):
-        sampler.run_mcmc(np.full((8, 2), [10.0, 5.0]) + start / 100, 5)
-    start[0] = [10.0, 5.0]  # one alone goes on
-    sampler.run_mcmc(start, 50)
-    assert np.isfinite(sampler.get_log_prob()[-1]).all()

@@ -46,13 +46,8 @@ ARRAY += [lambda v: v.astype(str), lambda v: v > 0, lambda v: v + 1j, lambda v: 
 ARRAY += [lambda v: [*v.tolist(), [1.0, [2.0]]], lambda v: v[None, None], *ODD]
 POSITIVE = [*ARRAY, np.negative, ending(0.0)]
 SQUARE = [*POSITIVE[:-2], *always([[1.0, 0.5], [0.0, 1.0]], np.ones((2, 3)))]
-NAMES = [
-    *ODD,
-    set,
-    lambda v: [*v[:-1], ""],
-    lambda v: [*v[:-1], v[0]],
-    lambda v: [0, 1],
-]
+NAMES = [*ODD, set, lambda v: [0, 1]]
+NAMES += [lambda v: [*v[:-1], ""], lambda v: [*v[:-1], v[0]]]
 
 
 def number(low, high=np.inf):
@@ -182,3 +177,8 @@ def test_arrays_may_be_written_in_other_ways(name, way):
     }
     expected, found = (FOUND[name](call(**given)) for given in (valid, other))
     np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_whole_numbers_are_taken_as_floats():
+    whole_numbers = np.array([[100, 10], [10, 100]], np.int8)
+    assert ef.MetropolisMove(cov=whole_numbers).cov.dtype == np.float64

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from support.examples import EXAMPLES, TESTS, load
-from support.mpi import leaves_sockets
+from support.systems import leaves_sockets
 
 import emcee_femu as ef
 

@@ -60,9 +60,6 @@ def test_draws_are_those_of_the_mixture(d, random):
         assert test.pvalue > 1e-4
 
 
-# Weighted draws.
-
-
 def test_one_gaussian_has_the_moments_of_the_weighted_draws():
     rng = np.random.default_rng(3)
     x, shares = rng.normal(size=(200, 3)), rng.random(200) ** 4
@@ -92,9 +89,6 @@ def test_weighted_draws_of_another_distribution_give_the_target():
     assert_allclose(fit.weights, target.weights, atol=0.02)
     assert_allclose(fit.means, target.means, atol=0.1)
     assert_allclose(fit.matrices, target.matrices, atol=0.15)
-
-
-# Draws of equal weight.
 
 
 def test_fit_recovers_one_dimension_and_finds_at_most_six_modes():

@@ -7,6 +7,7 @@ import emcee
 import numpy as np
 import pytest
 from emcee.backends import HDFBackend
+from support.runs import never
 
 import emcee_femu as ef
 from emcee_femu import DEMCMove, IndependenceMove, MetropolisMove
@@ -99,11 +100,8 @@ def test_moves_are_pickled_and_print_as_the_call_that_makes_them(move):
     ],
 )
 def test_a_move_that_does_not_fit_is_refused_before_a_solve(move, shape, error, match):
-    def forbidden(theta):
-        raise AssertionError("evaluated")
-
     start = np.random.default_rng(0).normal(size=shape)
-    sampler = emcee.EnsembleSampler(*shape, forbidden, moves=move)
+    sampler = emcee.EnsembleSampler(*shape, never, moves=move)
     with pytest.raises(error, match=match):
         sampler.run_mcmc(emcee.State(start, log_prob=np.zeros(len(start))), 1)
 

@@ -4,9 +4,9 @@ import emcee
 import numpy as np
 import pytest
 from support.checks import LIMIT, BoundedTriangle, Gaussian, exact_start
-from support.component_walk import ComponentWalk
 
 from emcee_femu import DEMCMove, IndependenceMove, MetropolisMove
+from emcee_femu.moves.independence import ComponentWalk  # of anneal, not public
 
 TARGETS = {"gaussian": Gaussian, "bounded": BoundedTriangle}
 UNIT, FAR = (1.0, 1.0, 1.0), (1e-8, 1.0, 1e8)  # areas beside stiffnesses
@@ -110,32 +110,6 @@ class GuidedByItself(DEMCMove):
         return np.vstack(proposed), None
 
 
-class OneSign(DEMCMove):
-    """Takes differences of one sign only along the first axis."""
-
-    def get_proposal(self, s, c, random):
-        proposed, _ = super().get_proposal(s, c, random)
-        step = proposed - s
-        return s + np.where(step[:, :1] < 0, -step, step), None
-
-
-class NoHastingsFactor(IndependenceMove):
-    def log_density(self, theta):
-        return np.zeros(len(theta))
-
-
-class Drifting(MetropolisMove):
-    """Its steps have a mean, for which the acceptance makes no amends."""
-
-    def propose(self, model, state):
-        normal = 0.4 + model.random.standard_normal(state.coords.shape)
-        proposed = state.coords + normal @ np.linalg.cholesky(self.cov).T
-        log_prob, _ = model.compute_log_prob_fn(proposed)
-        moved = log_prob - state.log_prob > np.log(model.random.random(len(log_prob)))
-        state.coords[moved], state.log_prob[moved] = proposed[moved], log_prob[moved]
-        return state, moved
-
-
 class Warm(Gaussian):
     """As a move takes it that samples at a temperature of 1.44."""
 
@@ -143,15 +117,11 @@ class Warm(Gaussian):
         return super().__call__(theta) / 1.44
 
 
-SHIFTED = Gaussian().sample(np.random.default_rng(1), (2_000,)) + 0.3
 MUTANTS = {  # move, walkers, ensembles, steps
     # The bias of the first is the smallest, and grows for 30 steps.
     "all from one generation": (Synchronous(**BOLD), 4, 450, 30),
     "guided by itself": (GuidedByItself(**BOLD), 4, 80, 8),
-    "differences of one sign": (OneSign(), 6, 80, 8),
-    "no density": (NoHastingsFactor.fit(SHIFTED, df=3.0), 6, 80, 8),
     "too warm": (DEMCMove(), 6, 160, 12),
-    "with a drift": (Drifting(cov=0.4 * np.eye(3)), 6, 80, 8),
 }
 
 

@@ -4,9 +4,9 @@ import emcee
 import numpy as np
 import pytest
 from emcee.model import Model
-from numpy.testing import assert_array_equal
 from scipy import stats
 from support.checks import LIMIT, exact_start
+from support.examples import load
 from support.tempered_laws import BoundedLaw, GaussianLaw
 
 import emcee_femu as ef
@@ -103,40 +103,8 @@ def test_every_pair_of_blocks_exchanges_by_the_ratio_of_its_likelihoods(betas):
             assert stats.binomtest(swapped, block, p).pvalue > 1e-4
 
 
-PROBLEM = ef.paper.mass_spring()
+POSTERIOR = ef.paper.mass_spring().posterior
 MOVE = ef.moves.TemperedMove(DEMCMove(), [1.0, 0.2, 0.0])
-
-
-def sampled(steps=12, **options):
-    options = {"moves": MOVE, "nwalkers": 36, "seed": 1, "ensembles": 1, **options}
-    return ef.run(PROBLEM.posterior, steps=steps, **options)
-
-
-def everything(run):
-    parts = run.get_chain(), run.get_log_prob()[..., None], run.get_blobs()
-    return np.concatenate(parts, axis=2)
-
-
-def test_stored_rows_are_the_posteriors_own_and_a_resumed_run_goes_on(tmp_path):
-    stored = everything(sampled()[0])
-    rows = stored.reshape(12 * 36, -1)
-    np.testing.assert_allclose(rows[:, 5:], PROBLEM.posterior(rows[:, :5]), rtol=1e-9)
-    file = tmp_path / "run.chain"
-    sampled(steps=5, backend=file)
-    (resumed,) = sampled(backend=file, resume=True)
-    assert_array_equal(everything(resumed), stored)
-
-
-def test_conversion_tables_and_diagnosis_use_the_cold_walkers_alone():
-    runs = sampled(steps=40, ensembles=2)
-    idata = ef.to_inference_data(runs, PROBLEM.posterior, discard=8)
-    cold = np.stack([run.get_chain(discard=8)[:, :12, 0] for run in runs])
-    k1 = np.asarray(idata.posterior["k1"])
-    assert_array_equal(k1, cold.transpose(0, 2, 1).reshape(24, 32))
-    assert "k1" in str(ef.parameter_table(idata))
-    values = ef.diagnose(runs, discard=8)
-    assert_array_equal(values.acceptance, [r.acceptance_fraction[:12] for r in runs])
-    assert all(walker < 12 for _, walker in values.stuck)
 
 
 OTHER = ef.moves.TemperedMove(DEMCMove(mode_jump=1.0), [1, 0.3, 0])
@@ -152,8 +120,9 @@ OTHER = ef.moves.TemperedMove(DEMCMove(mode_jump=1.0), [1, 0.3, 0])
     ],
 )
 def test_what_does_not_fit_the_temperatures_is_refused(options, error, named):
+    given = {"moves": MOVE, "nwalkers": 36, "steps": 2, "seed": 1, "ensembles": 1}
     with pytest.raises(error, match=named):
-        sampled(**options)
+        ef.run(POSTERIOR, **given | options)
     sampler = emcee.EnsembleSampler(36, 2, lambda x: -0.5 * x @ x, moves=MOVE)
     with pytest.raises(ValueError, match="blobs"):  # they have the log-prior
         sampler.run_mcmc(np.random.default_rng(1).normal(size=(36, 2)), 1)
@@ -174,3 +143,24 @@ def test_zero_likelihood_stays_forbidden_at_beta_zero():
     sampler.run_mcmc(start, 60)
     assert (sampler.get_chain()[-1] > 0.5).all()
     assert (np.delete(sampler.get_chain(), [0, 12], axis=1) > 0.5).all()
+
+
+@pytest.mark.slow
+def test_tempered_walkers_cross_to_the_mode_they_did_not_start_in():
+    """The law of tempering: weight, mean and evidence of Beck and Au by quadrature."""
+    posterior, betas = load("evidence").beck_au().posterior, np.linspace(1, 0, 7) ** 4
+    move, nwalkers = ef.moves.TemperedMove(DEMCMove(), betas), 250 * len(betas)
+    noise = np.random.default_rng(3).normal(size=(nwalkers, 2))
+    one_mode = np.array([1.8132, 0.2470]) + np.array([0.1, 0.015]) * noise
+    options = {"seed": 1, "ensembles": 1, "starts": one_mode}
+    (run,) = ef.run(posterior, move, nwalkers, 1_500, **options)
+    x1 = run.get_chain(discard=150)[:, move.cold(nwalkers), 0]
+    assert abs((x1 < 1).mean() - 0.53079) < 0.02
+    generations = x1.mean(axis=1)
+    (tau,) = emcee.autocorr.integrated_time(generations[:, None], tol=0)
+    error = generations.std() * np.sqrt(tau / len(generations))
+    assert error < 0.01
+    assert abs(x1.mean() - 1.11700) < 3 * error
+    evidence = ef.log_evidence(run, discard=150)
+    difference = abs(evidence.log_evidence - np.log(1.50950e-3))
+    assert difference < min(3 * evidence.log_evidence_error, 0.03)

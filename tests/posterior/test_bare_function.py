@@ -1,6 +1,5 @@
 """A bare log-likelihood, as emcee takes it, with all that a posterior has."""
 
-import emcee
 import numpy as np
 import pytest
 from scipy import stats
@@ -59,13 +58,13 @@ def test_moments_and_evidence_are_those_of_the_gaussian(cut):
         assert f"{LOG_BOX:.4f}" in str(found)
 
 
-def test_a_prior_that_is_given_is_no_box():
+def test_a_prior_may_be_given_and_arguments_of_the_function():
     prior = ef.IndependentPrior({"a": stats.norm(0, 3), "b": (-30.0, 30.0)})
-    posterior = of(gaussian, prior)
-    expected = gaussian(CENTRE) + stats.norm.logpdf(1.0, 0, 3) - np.log(60)
+    posterior = of(gaussian, prior, args=(CENTRE + 1,), kwargs={"sd": 2 * SD})
+    log_prior = stats.norm.logpdf(1.0, 0, 3) - np.log(60)
+    expected = gaussian(CENTRE, CENTRE + 1, sd=2 * SD) + log_prior
     assert posterior(CENTRE)[0] == pytest.approx(expected)
-    evidence = ef.results.evidence.Evidence(1.0, 0.1, "", log_box=posterior.log_box)
-    assert np.isnan(posterior.log_box) and "box" not in str(evidence)
+    assert np.isnan(posterior.log_box)  # of no box
     assert np.isnan(of(gaussian, prior.marginals).log_box)
 
 
@@ -77,14 +76,6 @@ def test_blobs_are_stored_where_the_likelihood_is_not_zero(cut):
     np.testing.assert_array_equal(idata["response"]["blob1"][..., 1, 0], a * b)
     row = of(right_part, BOX)([LOWEST - 0.1, 0.0])
     assert row[0] == row[2] == -np.inf and np.isnan(row[3:]).all()
-
-
-def test_stock_moves_start_where_the_likelihood_is_not_zero():
-    moves = {"stretch": emcee.moves.StretchMove(), "DE-MC": ef.DEMCMove()}
-    options = {"steps": 20, "ensembles": 2, "seed": 1}
-    compared = ef.compare_moves(of(right_part, BOX), moves, **options)
-    for idata in compared.idata.values():
-        assert (idata["posterior"]["a"] >= LOWEST).all()
 
 
 def with_blob(x):
@@ -102,12 +93,6 @@ def test_all_points_at_once_are_the_points_one_by_one(function):
     rows, one_by_one = posterior(theta), of(gaussian, BOX)(theta)
     np.testing.assert_allclose(rows[:, :3], one_by_one, rtol=1e-12)
     np.testing.assert_array_equal(rows[:, 3:].ravel(), theta[:, 0][: rows[:, 3:].size])
-
-
-def test_arguments_reach_the_function():
-    posterior = of(gaussian, BOX, args=(CENTRE + 1,), kwargs={"sd": 2 * SD})
-    expected = gaussian(np.zeros(2), CENTRE + 1, sd=2 * SD)
-    assert posterior(np.zeros(2))[2] == expected
 
 
 def test_the_chain_is_the_same_on_workers_and_when_it_goes_on(tmp_path):
@@ -149,11 +134,6 @@ def test_nan_is_a_failed_solve():
     assert all((sampler.get_chain()[..., 0] <= 0).all() for sampler in run)
 
 
-def growing(x):
-    """Return a blob of another shape elsewhere."""
-    return 0.0, np.zeros(1 if x[0] > 0 else 2)
-
-
 @pytest.mark.parametrize(
     ("function", "options", "error", "named"),
     [
@@ -178,25 +158,7 @@ def test_what_is_wrong_is_named_before_any_sampling(function, options, error, na
         of(function, **{"prior": BOX} | options)
 
 
-def test_blobs_keep_their_shape():
-    posterior = of(growing, BOX)
+def test_a_blob_of_another_shape_elsewhere_is_refused():
+    posterior = of(lambda x: (0.0, np.zeros(1 if x[0] > 0 else 2)), BOX)
     with pytest.raises(ValueError, match="blob0"):
         posterior([[-1.0, 0.0], [1.0, 0.0]])
-
-
-def test_a_plain_sampler_is_told_only_what_its_user_has():
-    """No argument of run; the run of a posterior is told these."""
-    texts = []
-    for target, nsteps in ((gaussian, 40), (gaussian, 2_000), (of(gaussian, BOX), 40)):
-        sampler = emcee.EnsembleSampler(8, 2, target, moves=ef.DEMCMove())
-        stream = np.random.RandomState(np.random.MT19937(1)).get_state()
-        start = CENTRE + SD * np.random.default_rng(1).normal(size=(8, 2))
-        sampler.run_mcmc(emcee.State(start, random_state=stream), nsteps)
-        found = ef.diagnose(sampler)
-        idata = ef.to_inference_data(sampler)
-        assert ef.diagnose(idata).verdict == found.verdict
-        texts.append(found.verdict)
-    assert ["steps=" in text for text in texts] == [False, False, True]
-    assert ["from_function" in text for text in texts] == [True, True, False]
-    for text in texts[:2]:
-        assert not any(word in text for word in ("moves=", "ensembles=", "starts out"))

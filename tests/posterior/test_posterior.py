@@ -52,14 +52,9 @@ def test_row_is_posterior_prior_terms_frequencies():
     assert_allclose(rows, np.c_[(*densities, frequencies)], rtol=1e-12)
     assert_allclose(posterior.unfold(rows)["frequency"], frequencies, rtol=1e-12)
     assert posterior.term_names == ("frequency", "negative_a")
-    assert posterior.labels == (
-        "log_posterior",
-        "log_prior",
-        "log_likelihood[frequency]",
-        "log_likelihood[negative_a]",
-        "frequency[1]",
-        "frequency[2]",
-    )
+    terms = "log_likelihood[frequency]", "log_likelihood[negative_a]"
+    modes = "frequency[1]", "frequency[2]"
+    assert posterior.labels == ("log_posterior", "log_prior", *terms, *modes)
     assert_array_equal(rows[:, posterior.columns["frequency"]], rows[:, 4:])
     same = pickle.loads(pickle.dumps(posterior))
     assert_array_equal(same(theta), rows)
@@ -169,3 +164,40 @@ def test_starts_are_draws_of_the_prior_and_repeat_with_their_seed():
     assert not np.isin(first, other).any()
     sd = PRIOR.sample(np.random.default_rng(9), 20_000).std(axis=0)
     assert_allclose(first.std(axis=0), sd, rtol=0.15)
+
+
+def broken(parameters):
+    raise ArithmeticError("singular")
+
+
+@pytest.mark.parametrize("number", [2, 256])
+def test_a_batch_that_fails_names_its_parameter_sets_but_not_hundreds(number):
+    with pytest.raises(ArithmeticError, match="singular") as caught:
+        ef.LogPosterior(broken, TERM, PRIOR)([INSIDE] * number)
+    assert 1 < caught.value.__notes__[0].count("'a': 0.05, 'b': 0.1") < 20
+
+
+@pytest.mark.parametrize(
+    "function", [lambda p: [float(p["a"]), 2.0], lambda p: [p["a"], p["b"]]]
+)
+def test_a_function_of_one_parameter_set_is_told_how_it_becomes_a_model(function):
+    with pytest.raises(TypeError) as caught:
+        ef.LogPosterior(function, TERM, PRIOR)([INSIDE] * 2)
+    text = "\n".join([str(caught.value), *caught.value.__notes__])
+    assert "FunctionModel(function)" in text
+
+
+@pytest.mark.parametrize(
+    ("function", "remedied"),
+    [
+        (lambda p: p["A"], True),
+        (lambda p: [p[0], p[1]], True),
+        (lambda p: {}["a"], False),  # a fault of another kind
+    ],
+)
+def test_a_model_that_asks_for_a_wrong_name_is_told_the_right_ones(function, remedied):
+    with pytest.raises(KeyError) as caught:
+        ef.LogPosterior(ef.FunctionModel(function), TERM, PRIOR)(INSIDE)
+    place, *names = caught.value.__notes__
+    assert "'a': 0.05" in place
+    assert ["a, b" in note for note in names] == [True] * remedied

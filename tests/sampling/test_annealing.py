@@ -28,9 +28,6 @@ def two_modes(theta):
     return np.logaddexp(*modes) - 0.5 * theta.shape[1] * np.log(2 * np.pi)
 
 
-# --- the law ----------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("target", [LAW, BoundedLaw()], ids=["free", "bounded"])
 def test_population_and_evidence_are_exact_over_replicates(target):
     annealed = [ef.anneal(target.posterior, 120, seed=seed) for seed in range(10)]
@@ -100,9 +97,6 @@ def test_the_effective_size_counts_descendants_of_one_draw_as_one():
     size = np.mean(centres**2) / np.mean(means**2)
     assert size < 30
     assert 1 / 3 < np.mean([p.effective_size for p in annealed]) / size < 3
-
-
-# --- what it costs and becomes ----------------------------------------------------
 
 
 def with_model(model):

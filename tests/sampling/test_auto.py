@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
-from support.free_posterior import FreeModel, box, free_posterior
-from support.runs import failures
+from support.free_posterior import box, free_posterior
 
 import emcee_femu as ef
 
@@ -28,24 +27,6 @@ def two_modes(sd, d):
         return np.logaddexp(*parts)
 
     return free_posterior(log_density, box(-10, 10, d))
-
-
-def gaussian(mean, sd, low=0.0, high=1.0, **options):
-    mean = np.atleast_1d(mean)
-    prior = box(low, high, len(mean))
-    return free_posterior(
-        lambda x: -0.5 * (((x - mean) / sd) ** 2).sum(axis=1), prior, **options
-    )
-
-
-def largest_z(samplers, mean, sd, discard=0):
-    """Return how far the means are off, in standard errors."""
-    x = np.concatenate([s.get_chain(flat=True, discard=discard) for s in samplers])
-    tau = max(s.get_autocorr_time(quiet=True, tol=0).max() for s in samplers)
-    return np.abs(x.mean(axis=0) - mean).max() / (np.min(sd) * np.sqrt(tau / len(x)))
-
-
-# --- several modes ----------------------------------------------------------------
 
 
 def test_weights_of_modes_are_exact_and_so_are_their_errors():
@@ -88,8 +69,6 @@ def test_a_needle_that_no_scan_can_hit_is_found_where_it_was_given(given):
         assert [by[needle] > 0 for by in result.found_by] == [False, True, False]
         assert [n[needle] > 0 for n in result.starts] == [False, True, False]
 
-
-# --- one mode ---------------------------------------------------------------------
 
 CORRELATED = np.array([[1.0, 0.9, 0], [0.9, 1, 0], [0, 0, 0.1]])
 MIXTURE = [(0.3, [0, 0, 0], CORRELATED), (0.7, [3, 0, 1], np.diag([0.2, 2.0, 1.0]))]
@@ -145,29 +124,6 @@ def test_ensembles_start_from_draws_of_the_posterior_of_their_own():
     assert np.abs(z).max() < LIMIT and z.std() > 0.2
 
 
-def test_a_failing_part_of_the_prior_is_rejected(caplog):
-    caplog.set_level("ERROR", "emcee_femu")  # thousands of solves fail
-
-    class Failing(FreeModel):
-        def __call__(self, parameters):
-            if (parameters["x1"] > 0.5).any():
-                raise RuntimeError("no solution")
-            return super().__call__(parameters)
-
-    posterior = gaussian([0.5, 0.5], 0.1, model=Failing())  # of which half fails
-    options = {"on_failure": "reject", "max_failures": 0.9}
-    samplers = ef.run(posterior, "auto", 16, 100, ensembles=1, seed=3, **options)
-    half = 0.1 * np.sqrt(2 / np.pi)
-    x = samplers[0].get_chain(flat=True)
-    assert x[:, 0].max() <= 0.5 and failures(samplers)[1]["exception"]
-    assert largest_z(samplers, [0.5 - half, 0.5], 0.1) < LIMIT
-    evidence = ef.log_evidence(samplers)  # of a Gaussian of peak one, half of it cut
-    exact = np.log(0.5 * 2 * np.pi * 0.1**2)
-    assert abs(evidence.log_evidence - exact) < LIMIT * evidence.log_evidence_error
-
-
-# --- what it may cost -------------------------------------------------------------
-
 PRESSED = 14  # parameters, most of them to their bounds
 
 
@@ -179,12 +135,11 @@ def pressed(x):
     return -0.5 * (((np.exp(0.5 * (x - truth) @ mixed.T) - 1) / 0.02) ** 2).sum(axis=1)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_the_search_keeps_to_its_budget_whatever_lies_at_bounds(seed, caplog):
+def test_the_search_keeps_to_its_budget_whatever_lies_at_bounds(caplog):
     """Fault 23: 94,802 to 157,164 evaluations for chains of 8,000 to 13,000."""
     caplog.set_level("INFO", "emcee_femu")
     posterior = free_posterior(pressed, box(0, 1, PRESSED))
-    run = ef.run(posterior, "auto", steps=20, ensembles=2, seed=seed)
+    run = ef.run(posterior, "auto", steps=20, ensembles=2, seed=0)
     (said,) = caplog.messages
     (most,) = re.findall(r"about ([\d,]+)", said)
     assert 0.3 < run.search.solves / int(most.replace(",", "")) <= 1
@@ -198,19 +153,16 @@ def narrow(x):
     return -4e5 * ((x - np.linspace(0.2, 0.8, 7)) ** 2).sum(axis=1)
 
 
-@pytest.mark.parametrize("solves", [10_000, 15_000])
 @pytest.mark.parametrize(
     ("density", "d"),
     [(narrow, 7), pytest.param(pressed, PRESSED, marks=pytest.mark.slow)],
 )
-def test_a_search_leaves_half_of_few_solves_to_the_chain(density, d, solves):
-    run = ef.run(free_posterior(density, box(0, 1, d)), solves=solves, seed=3)
-    assert run.search.solves <= solves / 2
+def test_a_search_leaves_half_of_few_solves_to_the_chain(density, d):
+    run = ef.run(free_posterior(density, box(0, 1, d)), solves=10_000, seed=3)
+    assert run.search.solves <= 5_000
     found = ef.diagnose(run)
     assert found.converged == (density is narrow)
 
-
-# --- gradients --------------------------------------------------------------------
 
 GRID = np.linspace(-6.0, 3.0, 20_001)
 SKEW = np.exp(-0.5 * GRID**2 - 2 * (np.exp(1.5 * GRID) - 1) ** 2)
@@ -243,23 +195,22 @@ def skew_posterior():
     return ef.LogPosterior(Exponential(), term, prior)
 
 
-@pytest.mark.parametrize("solves", [10_000, 15_000])
-def test_climbs_and_chains_by_gradients_keep_to_few_solves(solves):
+def test_climbs_and_chains_by_gradients_keep_to_few_solves():
     """A tuned trajectory alone would take more; climbs get where they go."""
-    run = ef.run(skew_posterior(), solves=solves, seed=3)
-    assert run.search.solves < 0.7 * solves and run.solves <= solves
+    run = ef.run(skew_posterior(), solves=10_000, seed=3)
+    assert run.search.solves < 7_000 and run.solves <= 10_000
     assert run[0].iteration > 8 and run.search.from_prior
 
 
 def test_a_chain_of_trajectories_keeps_to_its_solves():
     """A proposal of them takes 40."""
     move = ef.moves.HamiltonianMove(steps=40, step_size=0.1)
-    run = ef.run(skew_posterior(), move, 24, solves=20_000, seed=3)
-    assert 18_000 < run.solves <= 20_000
+    run = ef.run(skew_posterior(), move, 24, solves=12_000, seed=3)
+    assert 10_800 < run.solves <= 12_000
     move = ef.moves.HamiltonianMove(steps=20, step_size=0.1)
     mixed = [(move, 0.5), (ef.DEMCMove(), 0.5)]  # each ensemble draws its own
-    run = ef.run(skew_posterior(), mixed, 24, solves=20_000, seed=4)
-    assert 18_000 < run.solves <= 20_000 + 20 * 4 * 24  # at most a step too many
+    run = ef.run(skew_posterior(), mixed, 24, solves=12_000, seed=4)
+    assert 10_800 < run.solves <= 12_000 + 20 * 4 * 24  # at most a step too many
 
 
 @pytest.mark.slow
@@ -267,12 +218,11 @@ def test_skew_parameters_are_moved_by_gradients_where_there_are_any():
     """The law of gradients in "auto": twelve skew marginals, by quadrature."""
     samplers = ef.run(skew_posterior(), "auto", 24, 80, ensembles=2, seed=1)
     assert "Hamiltonian" in samplers.search.sentence
-    assert largest_z(samplers, MEAN, SPREAD, discard=20) < LIMIT
     x = np.concatenate([s.get_chain(flat=True, discard=20) for s in samplers])
+    tau = max(s.get_autocorr_time(quiet=True, tol=0).max() for s in samplers)
+    z = (x.mean(axis=0) - MEAN) / (SPREAD * np.sqrt(tau / len(x)))
+    assert np.abs(z).max() < LIMIT
     assert_allclose(x.std(axis=0) / SPREAD, 1.0, atol=0.15)
-
-
-# --- what it says and gains -------------------------------------------------------
 
 
 @pytest.mark.slow

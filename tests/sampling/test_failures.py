@@ -1,22 +1,15 @@
 """Runs of a solver that fails: stopped, rejected, counted, and what is kept."""
 
 import subprocess
+from functools import partial
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
-from support.faulty import (
-    FAULTS,
-    LIMIT,
-    MODELS,
-    START,
-    UP_TO_LIMIT,
-    is_as_raised,
-    posterior,
-)
-from support.pool_problems import Immediate, forks, places
-from support.runs import failures
+from support import pool_problems
+from support.pool_problems import LIMIT, START, Beyond, Immediate, forks, left, places
+from support.runs import Still, failures
 
 import emcee_femu as ef
 
@@ -28,36 +21,79 @@ def run(target, moves=None, **options):
     return ef.run(target, moves or ef.DEMCMove(), **OPTIONS | options)
 
 
+def bad(value, p):
+    return [value, 2.0]
+
+
+def exhausted(p):
+    raise StopIteration("no more output")
+
+
+def noted(p):
+    error = ArithmeticError("the solver did not converge")
+    error.add_note("iteration 50")
+    raise error
+
+
+FAULTS = {  # a solver's, and what becomes of it
+    "-inf": (partial(bad, -np.inf), ValueError, "finite"),
+    "+inf": (partial(bad, np.inf), ValueError, "finite"),
+    "NaN": (partial(bad, np.nan), ValueError, "finite"),
+    "SystemExit": (left, RuntimeError, r"SystemExit\('licence server"),
+    "StopIteration": (exhausted, RuntimeError, r"StopIteration\('no more"),
+    "an error with notes": (noted, ArithmeticError, "iteration 50"),
+}
+
+
+class Vectorised:
+    """What a solver returns, of all walkers at once."""
+
+    variables = ef.modal_variables(2)
+
+    def __init__(self, solver):
+        self.solver = solver
+
+    def __call__(self, parameters):
+        pairs = zip(parameters["k"], parameters["m"], strict=True)
+        rows = [self.solver({"k": k, "m": m}) for k, m in pairs]
+        return ef.ModalSolution(np.array(rows))
+
+
+def limited(model, prior=pool_problems.PRIOR):
+    term = ef.FrequencyTerm([1.0, 2.0], relative_sd=0.1)
+    return ef.LogPosterior(model, term, prior)
+
+
 @pytest.fixture(scope="module")
-def chain_up_to_limit():
+def up_to_limit():
     """The chain of a prior that ends where the solver does."""
-    return run(posterior("one by one", "NaN", prior=UP_TO_LIMIT))[0].get_chain()
+    bounds = [(0.1, LIMIT), (0.1, 2.0)]
+    prior = ef.GaussianPrior(["k", "m"], [1.0, 1.0], [0.2, 0.2], bounds)
+    return run(limited(Vectorised(Beyond(None)), prior))[0].get_chain()
 
 
 @pytest.mark.parametrize("pool", [None, Immediate()], ids=["serial", "on a pool"])
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("vectorised", [False, True])
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_stops_a_run_with_its_place_or_is_rejected_and_counted(
-    model, fault, pool, chain_up_to_limit
-):
-    with pytest.raises((ValueError, RuntimeError, ArithmeticError)) as caught:
-        run(posterior(model, fault), pool=pool)
-    assert is_as_raised(caught.value, fault)
+def test_a_fault_has_its_place_or_is_counted(vectorised, fault, pool, up_to_limit):
+    function, kind, said = FAULTS[fault]
+    solver = Beyond(function)
+    model = Vectorised(solver) if vectorised else ef.FunctionModel(solver, n_modes=2)
+    with pytest.raises(kind, match=said) as caught:
+        run(limited(model), pool=pool)
     (sampler,) = caught.value.run
     kept = sampler.get_chain()
     assert len(kept) > 0 and (kept[..., 0] <= LIMIT).all()
     values = places(caught.value)
     assert 1 <= len(values) <= 6 and max(values) > LIMIT  # half an ensemble, or one
-    assert len(values) == 1 or (model == "vectorised" and pool is None)
-    samplers = run(posterior(model, fault), **REJECT, pool=pool)
-    assert_allclose(samplers[0].get_chain(), chain_up_to_limit, rtol=1e-9)
+    assert len(values) == 1 or (vectorised and pool is None)
+    samplers = run(limited(model), **REJECT, pool=pool)
+    assert_allclose(samplers[0].get_chain(), up_to_limit, rtol=1e-9)
     total, causes = failures(samplers)
     assert total == 12 * 16
-    cause = "not finite" if isinstance(FAULTS[fault], float) else "exception"
+    cause = "not finite" if kind is ValueError else "exception"
     assert causes.keys() == {cause} and causes[cause] > 5
 
-
-# --- causes and limits ------------------------------------------------------------
 
 PRIOR = ef.IndependentPrior({"a": stats.norm(0, 1), "b": stats.norm(0, 1)})
 TERM = ef.FrequencyTerm([10.0, 20.0], sd=[0.5, 0.5])
@@ -66,6 +102,9 @@ INSIDE = np.random.default_rng(0).uniform(-1, 1, (16, 2))
 
 def solves(p):
     return [10.0 + p["a"], 20.0 + p["b"]]
+
+
+CAUSES = {"exception", "time-out", "not finite", "wrong shape"}
 
 
 def fails(p):
@@ -89,27 +128,22 @@ def posterior_of(function, prior=PRIOR):
 @pytest.mark.parametrize("workers", [None, 2])
 def test_causes_are_told_apart_and_no_set_is_solved_twice(workers):
     options = {"nwalkers": 16, "starts": INSIDE, "workers": workers, "steps": 40}
-    calls, rejected = [], []
+    calls = []
 
-    def noted(p):
+    def counted(p):
         calls.append((p["a"], p["b"]))
-        rejected.extend([1] * (max(abs(p["a"]), abs(p["b"])) > 1.2))
         return fails(p)
 
-    samplers = run(posterior_of(noted), **REJECT, **options)
+    samplers = run(posterior_of(counted), **REJECT, **options)
     chain = samplers[0].get_chain()
     diagnosis = ef.diagnose(samplers)
-    assert {*diagnosis.failures} == {
-        "exception",
-        "time-out",
-        "not finite",
-        "wrong shape",
-    }
+    assert {*diagnosis.failures} == CAUSES
     if workers is None:
-        assert len(calls) == len({*calls}) == 1 + 16 * 41  # one at the prior mean,
-        # before what failures are counted of.
+        # One at the prior mean, before what failures are counted of.
+        assert len(calls) == len({*calls}) == 1 + 16 * 41
         assert failures(samplers) == (len(calls) - 1, dict(diagnosis.failures))
-        assert sum(diagnosis.failures.values()) == len(rejected) > 30
+        rejected = (np.abs(calls).max(axis=1) > 1.2).sum()
+        assert sum(diagnosis.failures.values()) == rejected > 30
     # The same chain as that of a prior that ends where the solver does.
     bounded = ef.GaussianPrior(["a", "b"], [0, 0], [1, 1], bounds=[(-1.2, 1.2)] * 2)
     (same,) = run(posterior_of(solves, bounded), **options)
@@ -136,37 +170,20 @@ def test_the_fraction_is_exact_but_not_of_few_solves(first, stop):
     assert stop - 8 < len(calls) <= stop + 8  # they are counted by batches
 
 
-# --- starts -----------------------------------------------------------------------
-
-
-def cut(p):
-    """Fail in two ways, which depend on the parameters alone."""
-    if p["a"] > 0.9:
-        raise RuntimeError("no licence")
-    return [10.0, np.inf] if p["b"] > 0.9 else solves(p)
-
-
-class Still(ef.DEMCMove):
-    """A move that does not move: the starts alone are looked at."""
-
-    def propose(self, model, state):
-        return state, np.zeros(len(state.coords), bool)
-
-
 def test_starts_are_drawn_from_the_prior_where_it_can_be_solved():
     options = REJECT | {"nwalkers": 200, "steps": 1, "ensembles": 2, "starts": None}
-    samplers = run(posterior_of(cut), Still(), **options)
+    samplers = run(posterior_of(fails), Still(), **options)
     whole = run(posterior_of(solves), Still(), **options)
-    distribution = stats.truncnorm(-np.inf, 0.9)
+    distribution = stats.truncnorm(-1.2, 1.2)
     for sampler, other in zip(samplers, whole, strict=True):
         starts, before = sampler.get_chain()[0], other.get_chain()[0]
         assert np.isfinite(sampler.get_log_prob()).all()
         assert all(stats.kstest(x, distribution.cdf).pvalue > 1e-3 for x in starts.T)
-        kept = (before <= 0.9).all(axis=1)  # these stay where they were
+        kept = (np.abs(before) <= 1.2).all(axis=1)  # these stay where they were
         assert 0 < kept.sum() < 200
         assert_array_equal(starts[kept], before[kept])
     total, causes = failures(samplers)
-    assert total > 2 * 200 and {*causes} == {"exception", "not finite"}
+    assert total > 2 * 200 and {*causes} == CAUSES
 
 
 def test_a_start_of_zero_probability_is_refused():

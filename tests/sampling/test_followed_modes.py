@@ -3,6 +3,7 @@
 import arviz as az
 import numpy as np
 import pytest
+from support.runs import Counting
 
 import emcee_femu as ef
 from emcee_femu.sampling.search import follow_modes
@@ -12,16 +13,21 @@ MODEL = ef.MassSpringModel([1.0, 1.0], SPRINGS, shapes=True)
 FREE = [(200, 4_000), (200, 4_000), (0.1, 4_000)]
 MEASURED = np.sqrt([1_000.0, 1_600.0]) / (2 * np.pi)
 PRIOR = ef.GaussianPrior(["k1", "k2"], [1_200, 1_400], [400, 400], [(200, 4_000)] * 2)
+ALIKE = ef.GaussianPrior(["k1", "k2"], [1_300, 1_300], [400, 400], PRIOR.bounds)
 
 
-def run_of(model, steps=150, prior=PRIOR, **options):
+def run_of(model, steps=60, prior=PRIOR, **options):
     term = ef.FrequencyTerm(MEASURED, relative_sd=0.02)
     posterior = ef.LogPosterior(model, term, prior)
     return ef.run(posterior, nwalkers=16, steps=steps, seed=1, **options)
 
 
-def test_modes_that_change_places_are_named_at_the_maximum_where_they_do(tmp_path):
-    found = run_of(MODEL)
+@pytest.fixture(scope="module")
+def found():
+    return run_of(MODEL)
+
+
+def test_modes_that_change_places_are_named_where_they_do(found, tmp_path):
     (numbers,) = found.search.followed.values()
     assert sorted(numbers.tolist()) == [[1, 2], [2, 1]]
     swapped = 1 + int(np.argmax(numbers[:, 0]))
@@ -56,8 +62,7 @@ def test_modes_that_are_equal_at_the_prior_mean_have_no_order_to_lose():
     units = {name: np.outer(q, q) for name, q in zip(PRIOR.names, turn.T, strict=True)}
     zero, mass = np.zeros((2, 2)), np.eye(2)
     model = ef.MatrixModel(zero, mass, units, n_modes=2, shapes=True)
-    alike = ef.GaussianPrior(PRIOR.names, [1_300, 1_300], [400, 400], PRIOR.bounds)
-    found = run_of(model, prior=alike)
+    found = run_of(model, prior=ALIKE)
     (numbers,) = found.search.followed.values()
     assert numbers.shape == (2, 2) and not numbers.any()
     assert ef.diagnose(found).fit.status == "fits"
@@ -74,36 +79,21 @@ def test_a_mode_that_lost_its_shape_is_not_followed():
     assert numbers.tolist() == [[1, 2], [0, 0]]
 
 
-def test_following_is_counted_in_solves():
-    asked = []
-
-    class Counted:
-        names, bounds, variables = MODEL.names, MODEL.bounds, MODEL.variables
-
-        def __call__(self, parameters):
-            asked.append(len(parameters["k1"]))
-            return MODEL(parameters)
-
-    found = run_of(Counted())
-    assert found.search.followed and found.solves == sum(asked)
-
-
-def test_a_file_has_the_same_solves(tmp_path):
-    path = str(tmp_path / "run.chain")
+def test_following_is_counted_in_solves_also_in_a_file(tmp_path):
+    model, path = Counting(MODEL), str(tmp_path / "run.chain")
+    counted = run_of(model, 20)
+    assert counted.search.followed and counted.solves == model.solves
     run_of(MODEL, 10, backend=path)
     again = run_of(MODEL, 20, backend=path, resume=True)
     told = int(ef.to_inference_data(path).posterior.attrs["solves"])
     assert again.solves == told == run_of(MODEL, 20).solves
 
 
-def test_mirrored_maxima_are_named_and_means_between_clouds():
-    mirrored = ef.GaussianPrior(
-        PRIOR.names, [1_300, 1_300], [400, 400], [(200, 4_000)] * 2
-    )
-    found = run_of(MODEL, prior=mirrored)
-    np.testing.assert_allclose(found.search.weights, 0.5, atol=0.05)
-    for run, equal in ((found, True), (run_of(MODEL), False)):
+def test_mirrored_maxima_are_named_and_means_between_clouds(found):
+    mirrored = run_of(MODEL, prior=ALIKE)
+    np.testing.assert_allclose(mirrored.search.weights, 0.5, atol=0.05)
+    for run, equal in ((mirrored, True), (found, False)):
         assert ("1 and 2" in ef.diagnose(run).search.sentence) == equal
-    assert "k1, k2" in ef.parameter_table(found).title
+    assert "k1, k2" in ef.parameter_table(mirrored).title
     one = ef.GaussianPrior(["k1", "k2"], [1_000, 1_600], [50, 50], PRIOR.bounds)
     assert "k1" not in ef.parameter_table(run_of(MODEL, prior=one)).title

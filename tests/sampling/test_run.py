@@ -1,16 +1,14 @@
 """run: seeds, starts, ensembles, moves, and the traps of plain emcee."""
 
-import io
 import sys
 
 import emcee
 import numpy as np
 import pytest
-from emcee.pbar import get_progress_bar
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
-from support.calibration import shorten_search
 from support.free_posterior import box, free_posterior
+from support.runs import Still, never, shorten_search
 
 import emcee_femu as ef
 
@@ -44,13 +42,6 @@ def test_same_seed_same_chain_whatever_the_global_stream_or_other_ensembles():
     assert_array_equal(first[0], chains(ensembles=1)[0])
     assert_array_equal(first[0][1::2], chains(steps=10, thin_by=2)[0])
     assert not np.array_equal(first[0], chains(seed=2)[0])
-
-
-class Still(ef.DEMCMove):
-    """A move that does not move: the starts alone are looked at."""
-
-    def propose(self, model, state):
-        return state, np.zeros(len(state.coords), bool)
 
 
 def test_ensembles_have_independent_starts_and_streams():
@@ -91,10 +82,6 @@ def test_integer_starts_are_converted_instead_of_truncated():
     assert (chain[-1] % 1 != 0).any()
 
 
-def never(parameters):
-    raise AssertionError("solved")
-
-
 UNSOLVED = ef.LogPosterior(
     ef.FunctionModel(never), PROBLEM.posterior.terms, PROBLEM.posterior.prior
 )
@@ -119,16 +106,9 @@ def test_what_does_not_fit_is_refused_before_the_first_solve(options, error, nam
 
 @pytest.mark.parametrize(
     "terminal, asked, shown",
-    [
-        (True, None, "bar"),
-        (True, False, ""),
-        (False, None, ""),
-        (False, True, "lines"),
-    ],
+    [(True, None, "bar"), (True, False, ""), (False, None, ""), (False, True, "lines")],
 )
-def test_a_terminal_shows_a_bar_and_a_file_a_line_at_each_tenth(
-    terminal, asked, shown, monkeypatch, capsys
-):
+def test_a_bar_or_lines_are_shown(terminal, asked, shown, monkeypatch, capsys):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
     run(steps=15, ensembles=2, progress=asked)
     said = capsys.readouterr().err
@@ -137,19 +117,3 @@ def test_a_terminal_shows_a_bar_and_a_file_a_line_at_each_tenth(
     if shown == "lines":
         counts = [line.split()[2].split("/")[0] for line in said.splitlines()]
         assert [int(count) for count in counts] == [*range(3, 31, 3)]
-
-
-def test_a_notebook_shows_its_bar(monkeypatch):
-    import emcee_femu.evaluation.samplers as module
-
-    pytest.importorskip("ipywidgets")
-    kernel, asked = type("OutStream", (io.StringIO,), {}), []
-    kernel.__module__ = "ipykernel.iostream"
-    monkeypatch.setattr(sys, "stderr", kernel())
-    monkeypatch.setattr(
-        module,
-        "get_progress_bar",
-        lambda kind, total, desc: asked.append(kind) or get_progress_bar(False, total),
-    )
-    run(steps=3, ensembles=1)
-    assert asked == ["notebook"]

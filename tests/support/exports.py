@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 from scipy import sparse
 
+from .beams import assemble, bending, inertia
+
 LENGTH, EI, MASS = 2.0, 4.2e4, 3.1  # m, N m^2, kg/m
 BETA = np.array([1.8751040687, 4.6940911330, 7.8547574382])  # of a cantilever
 FREQUENCIES = BETA**2 / LENGTH**2 * np.sqrt(EI / MASS) / (2 * np.pi)
@@ -17,30 +19,12 @@ def cantilever(elements=8, left=1.0, right=1.0, clamped=True):
 
     ``left`` and ``right`` are factors of E I in the two halves of the beam.
     """
-    L = LENGTH / elements
-    k = np.array(
-        [
-            [12, -6 * L, -12, -6 * L],
-            [-6 * L, 4 * L**2, 6 * L, 2 * L**2],
-            [-12, 6 * L, 12, 6 * L],
-            [-6 * L, 2 * L**2, 6 * L, 4 * L**2],
-        ]
-    )
-    m = np.array(
-        [
-            [156, -22 * L, 54, 13 * L],
-            [-22 * L, 4 * L**2, -13 * L, -3 * L**2],
-            [54, -13 * L, 156, 22 * L],
-            [13 * L, -3 * L**2, 22 * L, 4 * L**2],
-        ]
-    )
-    size = 2 * elements + 2
-    K, M = np.zeros((size, size)), np.zeros((size, size))
-    for i in range(elements):
-        own = slice(2 * i, 2 * i + 4)
-        factor = left if i < elements / 2 else right
-        K[own, own] += factor * EI / L**3 * k
-        M[own, own] += MASS * L / 420 * m
+    L, halves = LENGTH / elements, np.array_split(np.arange(elements), 2)
+    K = left * assemble(bending(L), elements, halves[0])
+    K += right * assemble(bending(L), elements, halves[1])
+    M, turn = assemble(inertia(L), elements), np.tile([1.0, -1.0], elements + 1)
+    K, M = EI * turn[:, None] * K * turn, MASS * turn[:, None] * M * turn
+    size = len(K)
     dofs = np.array([(FIRST + 2 * (i // 2), (3, 5)[i % 2]) for i in range(size)])
     free = slice(2 if clamped else 0, None)
     return K[free, free], M[free, free], dofs[free]

@@ -4,13 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from emcee_femu import (
-    GaussianPrior,
-    LogPosterior,
-    ModalSolution,
-    Variable,
-    modal_variables,
-)
+import emcee_femu as ef
 
 MEASURED = np.array([1.02, 1.43, 2.1])
 RNG = np.random.default_rng(7)
@@ -32,11 +26,11 @@ class Solver:
 
     solved: list = field(default_factory=list)
     names = ("a", "b")
-    variables = modal_variables(3) | {"shapes": Variable({}, stored=False)}
+    variables = ef.modal_variables(3) | {"shapes": ef.Variable({}, stored=False)}
 
     def __call__(self, parameters):
         self.solved.append(len(parameters["a"]))
-        return ModalSolution(*modes(parameters["a"], parameters["b"]))
+        return ef.ModalSolution(*modes(parameters["a"], parameters["b"]))
 
 
 class Derived(Solver):
@@ -52,6 +46,19 @@ class Derived(Solver):
                 SLOPES[:, :, j], solution.shapes.shape
             )
         return solution, by_name
+
+
+PRIOR = ef.GaussianPrior(["a", "b"], [1.0, 1.0], 0.1, [(0.9, 1.4), (0.5, 1.05)])
+TERM = ef.FrequencyTerm(MEASURED, relative_sd=0.05)
+
+
+class Failing(Derived):
+    """It cannot be solved in the middle of its posterior."""
+
+    def __call__(self, parameters):
+        if (np.abs(parameters["a"] - 1.1) < 0.02).any():
+            raise ArithmeticError("no convergence")
+        return super().__call__(parameters)
 
 
 def numerical(function, theta, step=1e-5):
@@ -71,7 +78,7 @@ class LinearModel:
     """A response y that is linear in three parameters."""
 
     names = ("a", "b", "c")
-    variables = {"y": Variable({"point": range(4)})}
+    variables = {"y": ef.Variable({"point": range(4)})}
 
     def __call__(self, parameters):
         return {"y": np.stack([parameters[n] for n in self.names], axis=1) @ LINEAR.T}
@@ -105,16 +112,3 @@ class LinearTerm:
         points = slice(self.first, self.last)
         r = response["y"][:, points] - DATA[points]
         return r, np.full_like(r, self.sd)
-
-
-def linear_posterior(jacobian=True):
-    """Return a Gaussian posterior, its mean and its covariance."""
-    prior = GaussianPrior(LinearModel.names, np.zeros(3), np.ones(3))
-
-    def misfit(parameters, response):
-        return -0.5 * ((response["y"] - DATA) ** 2).sum(axis=1) / 0.2**2
-
-    model = LinearDerived() if jacobian else LinearModel()
-    covariance = np.linalg.inv(LINEAR.T @ LINEAR / 0.2**2 + np.eye(3))
-    mean = covariance @ LINEAR.T @ DATA / 0.2**2
-    return LogPosterior(model, misfit, prior), mean, covariance

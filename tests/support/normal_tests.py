@@ -9,14 +9,8 @@ from support.repeated import as_idata
 def normal_test(rng, measured, error, prior, number=400, names=None, bounds=None):
     """Return the ArviZ object of ``measured = theta + error``, drawn exactly.
 
-    Args:
-        rng: Of NumPy.
-        measured: ``(d,)``.
-        error: Covariance ``(d, d)``.
-        prior: Mean and standard deviation of a normal prior, each ``(d,)``.
-        number: Draws.
-        names: Of the parameters.
-        bounds: Stated ones; nothing is cut.
+    ``error`` is a covariance, ``prior`` mean and standard deviation of a normal one;
+    bounds are stated, and cut nothing.
     """
     mean, sd = map(np.asarray, prior)
     d = len(measured)

@@ -61,12 +61,7 @@ def children():
 
 
 def execute(cells, folder):
-    """Return what the cells show, by the names of the cells.
-
-    Args:
-        cells: ``{name: code}``, executed in this order by a new kernel.
-        folder: Where the kernel works.
-    """
+    """Return what ``{name: code}`` shows, executed in a folder by a new kernel."""
     notebook = nbformat.v4.new_notebook()
     notebook.cells = [nbformat.v4.new_code_cell(cell) for cell in cells.values()]
     client = NotebookClient(

@@ -6,7 +6,6 @@ import pickle
 import re
 import subprocess
 import sys
-import threading
 import time
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing.pool import ThreadPool
@@ -69,7 +68,7 @@ def stuck(p):
 
 
 class Beyond:
-    """A solver that does something else beyond the limit."""
+    """A solver with a fault beyond the limit."""
 
     def __init__(self, fault):
         self.fault, self.home = fault, os.getpid()
@@ -78,7 +77,7 @@ class Beyond:
         if p["k"] > LIMIT:
             at_home = os.getpid() == self.home
             assert not (at_home and self.fault in (killed, ended)), "it would end us"
-            self.fault(p)
+            return self.fault(p)
         return [p["k"], 2 * p["m"]]
 
 
@@ -124,13 +123,6 @@ def sample(pool=None, steps=8, posterior=POSTERIOR, moves=None, **options):
     return ef.run(posterior, moves or ef.DEMCMove(), steps=steps, **options)
 
 
-def chain(*arguments, **options):
-    """Return what emcee stores of such a run, as bytes."""
-    (sampler,) = sample(*arguments, **options)
-    parts = (sampler.get_chain(), sampler.get_log_prob(), sampler.get_blobs())
-    return pickle.dumps([np.ascontiguousarray(part).tobytes() for part in parts])
-
-
 def start_script(arguments):
     """Start Python with these arguments, in a session of its own."""
     paths = os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")])
@@ -166,20 +158,3 @@ class Immediate(Executor):
         future = Future()
         future.set_result(function(*pickle.loads(pickle.dumps(arguments))))
         return future
-
-
-def finishes(function, seconds=HANGS):
-    """Return what it returns or raises; fail if it hangs."""
-    found = []
-
-    def call():
-        try:
-            found.append(function())
-        except Exception as error:
-            found.append(error)
-
-    thread = threading.Thread(target=call, daemon=True)
-    thread.start()
-    thread.join(seconds)
-    assert found, "it hangs"
-    return found[0]

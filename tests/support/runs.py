@@ -1,6 +1,31 @@
-"""What a run carries beside its chains, in the one place that knows by which names."""
+"""What tests of runs share: what they carry beside their chains, and what is run."""
 
 import numpy as np
+
+import emcee_femu as ef
+
+
+class Counting:
+    """A model that counts its solves, without derivatives."""
+
+    def __init__(self, model):
+        self.model, self.variables, self.solves = model, model.variables, 0
+
+    def __call__(self, parameters):
+        self.solves += len(next(iter(parameters.values())))
+        return self.model(parameters)
+
+
+def never(*arguments):
+    """Stand for a function of which nothing may be asked."""
+    raise AssertionError("solved")
+
+
+class Still(ef.DEMCMove):
+    """A move that does not move: the starts alone are looked at."""
+
+    def propose(self, model, state):
+        return state, np.zeros(len(state.coords), bool)
 
 
 def failures(run):
@@ -20,3 +45,11 @@ def assert_same(one, other):
         for mine, yours in zip(*states, strict=True):
             np.testing.assert_array_equal(mine, yours)
         assert a.iteration == b.iteration > 0
+
+
+def shorten_search(monkeypatch):
+    """Let "auto" take less care: starts that a valid sampler may well have."""
+    monkeypatch.setattr("emcee_femu.sampling.auto.FEWEST_SEARCHED", 400)
+    monkeypatch.setattr("emcee_femu.sampling.auto.ROUND", 200)
+    monkeypatch.setattr("emcee_femu.sampling.auto.TAIL_ROUNDS", 1)
+    monkeypatch.setattr("emcee_femu.sampling.search.FRUITLESS", 2)

@@ -1,7 +1,5 @@
 """All that can be stored in a file and gone on with, of one small posterior."""
 
-import inspect
-
 import numpy as np
 
 import emcee_femu as ef
@@ -44,12 +42,9 @@ def posed(term=None, prior=PRIOR, model=None):
     return ef.LogPosterior(model, term or Gaussian(), prior)
 
 
-def in_file(function, path, resume=True):
+def in_file(path, **options):
     """Return the options of going on with a file; of None, of no file."""
-    if path is None:
-        return {}
-    known = "resume" in inspect.signature(function).parameters
-    return {"backend": path} | ({"resume": resume} if known else {})
+    return {} if path is None else {"backend": path} | options
 
 
 REJECT = {"on_failure": "reject", "max_failures": 1.0}
@@ -58,7 +53,7 @@ REJECT = {"on_failure": "reject", "max_failures": 1.0}
 def sampled(path, posterior=None, moves=None, resume=True, **options):
     options = {"nwalkers": 12, "steps": 20, "ensembles": 2, "seed": 1} | options
     moves = moves or ef.DEMCMove()
-    file = in_file(ef.run, path, resume)
+    file = in_file(path, resume=resume)
     return ef.run(posterior or posed(), moves, **REJECT | file | options)
 
 
@@ -77,14 +72,14 @@ def tempered(path, **options):
 
 
 def annealed(path, posterior=None, steps=0, resume=True, **options):
-    options = {"size": 80, "seed": 1} | in_file(ef.anneal, path, resume) | options
+    options = {"size": 80, "seed": 1} | in_file(path, resume=resume) | options
     return ef.anneal(posterior or posed(), **REJECT | options)
 
 
 def emulated(path, posterior=None, steps=0, resume=True, **options):
     options = {"solves": 8, "seed": 1, "tolerance": 0.0} | options
-    file = in_file(ef.emulate, path, resume)
-    return ef.emulate(posterior or posed(prior=ALONE), **REJECT | file | options)
+    posterior = posterior or posed(prior=ALONE)
+    return ef.emulate(posterior, **REJECT | in_file(path, resume=resume) | options)
 
 
 KINDS = {

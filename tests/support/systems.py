@@ -1,4 +1,4 @@
-"""What only some systems have; its tests are skipped on the others, with a reason."""
+"""What only some systems have, for which tests are skipped, or leave behind."""
 
 import multiprocessing
 import os
@@ -15,6 +15,11 @@ posix = pytest.mark.skipif(
 )
 inherits = pytest.mark.skipif(
     not LINUX, reason="only on Linux do a run's own processes inherit what is unpickled"
+)
+
+# distributed leaves sockets and loops of its own to the garbage collector.
+leaves_sockets = pytest.mark.filterwarnings(
+    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
 )
 
 

@@ -9,6 +9,8 @@ from scipy import stats
 
 import emcee_femu as ef
 
+from .free_posterior import FreeModel
+
 
 class GaussianLaw:
     """Frequencies linear in three parameters, Gaussian prior and errors."""
@@ -60,7 +62,7 @@ class BoundedLaw:
     powers = np.array([1.0, 2.0, 4.0])
 
     def __init__(self):
-        self.posterior = ef.LogPosterior(_OneMode(), self.term, _UnitBox())
+        self.posterior = ef.LogPosterior(FreeModel(), self.term, _UnitBox())
 
     def term(self, parameters, modes):
         logs = [np.log(np.maximum(x, 1e-300)) for x in parameters.values()]
@@ -88,10 +90,3 @@ class _UnitBox:
 
     def sample(self, rng, n):
         return rng.random((n, 3))
-
-
-class _OneMode:
-    variables = ef.modal_variables(1)
-
-    def __call__(self, parameters):
-        return ef.ModalSolution(np.ones((len(next(iter(parameters.values()))), 1)))
