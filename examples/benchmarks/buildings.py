@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from commands import command, tabulate
+from commands import command, draws_of, tabulate
 
 import emcee_femu as ef
 from emcee_femu.table import Table
@@ -86,8 +86,7 @@ def run(steps: int, seed: int) -> tuple[object, ...]:
     found = ef.run(posterior, "auto", nwalkers=40, steps=steps, seed=seed)
     seconds = time.process_time() - begun
     diagnosis = ef.diagnose(found)
-    samples = np.concatenate([sampler.get_chain(flat=True) for sampler in found])
-    low, high = np.quantile(samples, [0.025, 0.975], axis=0)
+    low, high = np.quantile(draws_of(found), [0.025, 0.975], axis=0)
     true = np.concatenate([truth[name] for name in posterior.names])
     inside = f"{np.sum((low < true) & (true < high))}/{len(truth)}"
     ess = diagnosis.ess_bulk.min()

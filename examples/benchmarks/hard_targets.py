@@ -19,7 +19,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from commands import command, tabulate
+from commands import command, draws_of, tabulate
 from hard_posteriors import BELIEVED, FRESH, TARGETS, Target, inside, posterior_of
 
 import emcee_femu as ef
@@ -82,7 +82,7 @@ def compare(
         warnings.simplefilter("ignore")  # the verdict is what counts
         run = ef.run(posterior, **options)
         found = ef.diagnose(run)
-    x = np.concatenate([sampler.get_chain(flat=True) for sampler in run])
+    x = draws_of(run)
     error = truth.sd * np.sqrt(1 / found.ess_bulk + 1 / truth.draws)
     off = np.abs(x.mean(axis=0) - truth.mean)
     relative = x.std(axis=0) / truth.sd - 1
