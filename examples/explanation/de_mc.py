@@ -52,9 +52,7 @@ figure
 # $2 \gamma^2 \Sigma$ with the former gives $\gamma = 2.38 / \sqrt{2 d}$.
 #
 # With it, about a third of the proposals are accepted in few dimensions, about a quarter
-# in many.
-#
-# The rule is for one mode that is nearly Gaussian. Between modes a step must be as long
+# in many. The rule is for one mode that is nearly Gaussian. Between modes a step must be as long
 # as the distance of two walkers in them: $\gamma = 1$, which `mode_jump=0.1` of
 # {py:class}`~emcee_femu.DEMCMove` uses for one walker in ten.
 #
@@ -66,9 +64,8 @@ figure
 # hundredth of the spread of the walkers at rest, for each parameter by itself, so areas
 # of 1e-4 and stiffnesses of 1e10 can stand side by side.
 #
-# The stock `emcee.moves.DEMove` has no such noise, only a jitter of gamma, which stays
-# in the plane too. A parameter in which all walkers agree to the last digit gets no
-# noise by default; give `sigma` if you start like that.
+# A jitter of gamma, as in `emcee.moves.DEMove`, stays in the plane too. A parameter in
+# which all walkers agree to the last digit gets no noise by default: give `sigma`.
 #
 # ## Why the target is preserved
 #
@@ -166,11 +163,8 @@ print(f"\n10 walkers, 5 parameters, all at once: {paper[0]:.3f} +- {paper[1]:.3f
 # it is far too small, and more steps make it worse. The error shrinks with the number of
 # walkers; from 4 $d$ on it is hardly visible, which is why the mistake has survived in
 # programs. With 2 $d$ walkers, the usual number and that of the paper, variances are a
-# few percent too small.
-#
-# `pytest -m "slow or not slow"
-# tests/moves/test_moves_law.py` is the same test for all moves of the package, with
-# deliberately broken moves that must fail it.
+# few percent too small. `pytest -m "slow or not slow" tests/moves/test_moves_law.py` is
+# the same test for all moves of the package, with broken moves that must fail it.
 #
 # Sources: the paper's Eqs. 3.2 and 3.3; ter Braak (2006),
 # [doi:10.1007/s11222-006-8769-1](https://doi.org/10.1007/s11222-006-8769-1); ter Braak
