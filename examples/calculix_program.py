@@ -13,8 +13,8 @@ reason. For your own program copy `finished_job`, change `COMMAND`, and replace
 * Exit status 0 does not mean that there is a result. So the reader checks that the
   result is one complete table whose columns fit each other.
 * An error due to the parameters is an exception. An error of the machine says nothing
-  about the parameters: `Unavailable` stops the run in any case. The page "Handle solves
-  that fail" (examples/how_to/failing_solves.py) has both.
+  about the parameters: `Unavailable` stops the run in any case. The page "Use a
+  program as a black box" (examples/how_to/black_box.py) has both.
 
 CalculiX is free software and needs no licence: apt install calculix-ccx
 

@@ -54,7 +54,7 @@ EDGES = "01 12 23 30 45 56 67 74 04 15 26 37".split()
 # %% [markdown]
 # `calculix_program` is the driver, a file to copy beside your own script:
 # {download}`calculix_program.py <../../examples/calculix_program.py>`. {doc}`black_box`
-# and {doc}`failing_solves` explain its lines.
+# explains its lines.
 #
 # ````{dropdown} The driver: start the program, wait for it, end it
 # ```{literalinclude} ../../examples/calculix_program.py

@@ -157,9 +157,8 @@ print(f"{better.solves} solves, by {len(calls) - before} new calls of the progra
 #
 # `workers=8` solves a batch at once: eight points of `emulate`, all draws of `certify`.
 #
-# Next: {doc}`/how_to/black_box` starts a program from the command line,
-# {doc}`/how_to/failing_solves` handles solves that fail, and
-# {doc}`/how_to/emulated_crossing_modes` modes that cross.
+# Next: {doc}`/how_to/black_box` starts a program from the command line, and handles solves
+# that fail; {doc}`/how_to/emulated_crossing_modes` has modes that cross.
 
 # %% tags=["remove-cell"]
 assert spent <= 100 and emulated.solves < 40

@@ -160,7 +160,7 @@ for solves in (10_000, 200_000):
     print(f"{run.solves:,} solves, ended by {run.stopped}: {verdict.short}")
 
 # %% [markdown]
-# A solve that fails stops the run, too, and nothing is lost; {doc}`/how_to/failing_solves`
+# A solve that fails stops the run, too, and nothing is lost; {doc}`/how_to/black_box`
 # says when `on_failure="reject"` is right.
 #
 # ## A job script
