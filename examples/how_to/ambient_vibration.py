@@ -94,9 +94,7 @@ if __name__ == "__main__":
 def posterior(measured):  # of the storeys' stiffnesses k1 (ground) to k5
     # Channel and node 1 are the roof, 5 the first floor; k1 is on the ground.
     nodes = [0, *range(FLOORS, 0, -1)]
-    springs = {}
-    for i in range(FLOORS):
-        springs[f"k{i + 1}"] = (nodes[i], nodes[i + 1], 1.2 * TRUTH)
+    springs = {f"k{i}": (nodes[i - 1], nodes[i], 1.2 * TRUTH) for i in nodes[:0:-1]}
     stiffness = stats.lognorm(0.3, scale=1.2 * TRUTH)
     return ef.LogPosterior(
         ef.MassSpringModel([MASS] * FLOORS, springs, shapes=True),
@@ -106,8 +104,8 @@ def posterior(measured):  # of the storeys' stiffnesses k1 (ground) to k5
 
 
 # %% [markdown]
-# A real structure deviates from its model by more than 0.2 % in frequency; then use the
-# term `FrequencyTerm(measured, discrepancy="model error")`.
+# A real structure deviates from its model by more than 0.2 % in frequency: use
+# `FrequencyTerm(measured, discrepancy="model error")`.
 
 # %%
 if __name__ == "__main__":

@@ -90,9 +90,7 @@ class SortedTerm:
         return -0.5 * ((r / sd) ** 2).sum(axis=1)
 
 
-numbers = ef.FunctionModel(
-    lambda p: solve(p).frequencies[:2], variables=SortedTerm.reads
-)
+numbers = ef.FunctionModel(lambda p: solve(p).frequencies[:2], SortedTerm.reads)
 plain = ef.LogPosterior(numbers, SortedTerm(), prior)
 as_numbers = ef.emulate(plain, solves=16, seed=1, tolerance=0)
 
@@ -109,10 +107,9 @@ found = {
     "frequencies and shapes": emulated(draws).frequencies[:, :2],
 }
 errors = {name: (f / true - 1) / 0.01 for name, f in found.items()}
-for name, error in errors.items():
-    rms = np.sqrt((error**2).mean())
-    most = np.abs(error).max()
-    print(f"{name}: {rms:.2g} measurement errors (rms), {most:.2g} at most")
+rms = [np.sqrt((error**2).mean()) for error in errors.values()]
+for name, error in zip(errors, rms, strict=True):
+    print(f"{name}: {error:.2g} measurement errors (rms)")
 
 # %% [markdown]
 # Predictions are always real and in ascending order. Pairing with measured modes comes
@@ -129,6 +126,5 @@ for name, error in errors.items():
 # processes are.
 
 # %% tags=["remove-cell"]
-rms = [np.sqrt((error**2).mean()) for error in errors.values()]
 assert emulated.solves == as_numbers.solves == 16
 assert rms[1] < 0.01 and rms[0] > 10 * rms[1]

@@ -63,13 +63,11 @@ diagnosis
 
 # %% [markdown]
 # The chains are only called well mixed, since starts in one place see no other mode;
-# `find_map` looked for one. A step of the chain costs `steps` evaluations;
-# {py:func}`~emcee_femu.compare_moves` counts them in the same way. [Moves
+# `find_map` looked for one. A step of the chain costs `steps` evaluations. [Moves
 # measured](../explanation/moves_measured.md) has buildings of 20, 30 and 50 storeys.
 #
-# The move does not cross between modes: mix it with one that does. `"auto"` uses
-# Hamiltonian moves by itself if fewer than a fifth of its proposals would be accepted
-# and the models have `jacobian`.
+# The move does not cross between modes: mix it with one that does. [What "auto"
+# does](../explanation/auto.py) says when it uses Hamiltonian moves by itself.
 
 # %% tags=["remove-cell"]
 assert diagnosis.rhat_between.max() < 1.05

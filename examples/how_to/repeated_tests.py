@@ -32,9 +32,8 @@ shapes = [  # (n_tests, n_sensors, n_modes), of any scale and sign
     [[0.76, 1.01], [1.00, -0.97]],
     [[0.75, -1.00], [0.98, 1.00]],
 ]
-test = ef.Measurements.from_repeats(
-    frequencies, shapes, sensors=["floor 1", "roof"], dofs=[0, 1]
-)
+places = {"sensors": ["floor 1", "roof"], "dofs": [0, 1]}
+test = ef.Measurements.from_repeats(frequencies, shapes, **places)
 test
 
 # %% [markdown]
@@ -73,23 +72,15 @@ except ValueError as error:
 # ## In a posterior
 #
 # {py:class}`~emcee_femu.FrequencyTerm` uses the covariance,
-# {py:class}`~emcee_femu.ShapeTerm` the scatter of the shapes, sensor by sensor;
-# `ef.ShapeTerm(test, delta=0.02)` would take one number in its place, relative to a
-# shape of unit length.
+# {py:class}`~emcee_femu.ShapeTerm` the scatter of the shapes, sensor by sensor.
 
 # %%
 storeys = {"k1": (0, 1, 7e3), "k2": (1, 2, 7e3)}  # kN/m
 model = ef.MassSpringModel([12.0, 9.0], storeys, shapes=True)  # t
 terms = [ef.FrequencyTerm(test), ef.ShapeTerm(test)]
-stiffness = stats.lognorm(0.3, scale=7e3)
-prior = ef.IndependentPrior(dict.fromkeys(storeys, stiffness))
-posterior = ef.LogPosterior(model, terms, prior)
-run = ef.run(posterior, seed=1)
-idata = ef.to_inference_data(run)
-ef.parameter_table(idata)
-
-# %%
-ef.predictive_table(idata, posterior)
+prior = ef.IndependentPrior(dict.fromkeys(storeys, stats.lognorm(0.3, scale=7e3)))
+run = ef.run(ef.LogPosterior(model, terms, prior), seed=1)
+ef.parameter_table(run)
 
 # %% [markdown]
 # If each test deserves its own posterior, because the structure changes from test to

@@ -53,10 +53,9 @@ drawing = az.plot_forest(idata, var_names=ratios, combined=True)
 # ### Predictive checks
 #
 # The group `posterior_predictive` holds 500 new measurements, with their error:
-# `arviz.plot_ppc`, since version 1 `plot_ppc_dist`, takes seconds and draws the density
-# of all modes together. {py:func}`~emcee_femu.figures.plot_predictive` draws each mode;
-# its draws, one for each sample, are in `new_measurement`. {doc}`prior_predictive`
-# checks the prior.
+# `arviz.plot_ppc`, since version 1 `plot_ppc_dist`, draws the density of all modes
+# together. {py:func}`~emcee_femu.figures.plot_predictive` draws each mode; its draws, one
+# for each sample, are in `new_measurement`. {doc}`prior_predictive` checks the prior.
 #
 # ### Cross-validation
 #
@@ -77,8 +76,8 @@ ranking
 #
 # ## Samples of plain emcee
 #
-# Samplers of plain emcee are converted, judged and tabulated, too: {doc}`/start/emcee_users`.
-# What `arviz.from_emcee` returns is accepted as well.
+# These are converted, judged and tabulated, too: {doc}`/start/emcee_users`. What
+# `arviz.from_emcee` returns is accepted as well.
 #
 # ## What does not work
 #

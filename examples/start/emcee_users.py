@@ -55,9 +55,8 @@ ef.parameter_table(run)
 ef.diagnose(run)
 
 # %% [markdown]
-# The statement on the fit stays open, since the data are inside the function. Tables of
-# measured against predicted values say so, too. `workers=8` evaluates in eight
-# processes, for which the function must be defined in a module or script;
+# The statement on the fit stays open, since the data are inside the function.
+# `workers=8` evaluates in eight processes, for which the function must be defined in a module or script;
 # `backend="run.sqlite", resume=True` keeps the run in a file and goes on with it.
 #
 # ## The evidence
@@ -78,11 +77,7 @@ evidence
 # the same walkers.
 
 # %%
-moves = {
-    "stretch": emcee.moves.StretchMove(),
-    "DE-MC": ef.DEMCMove(),
-    "auto": "auto",
-}
+moves = {"stretch": emcee.moves.StretchMove(), "DE-MC": ef.DEMCMove(), "auto": "auto"}
 comparison = ef.compare_moves(posterior, moves, 12, 250, discard=50, seed=1)
 comparison
 
@@ -95,18 +90,10 @@ comparison
 #
 # The blob is in the group `response`.
 
-# %% tags=["remove-stderr"]
-import arviz as az
-
-idata = ef.to_inference_data(run)
-az.summary(idata)
-
 # %%
+idata = ef.to_inference_data(run)
 at_ten = idata["response"]["blob0"]
 print(f"the line at x = 10: {float(at_ten.mean()):.2f} +- {float(at_ten.std()):.2f}")
-
-# %% mystnb={"image": {"alt": "Scatter of intercept, slope and sigma; intercept and slope lie along a falling line"}}
-ef.figures.plot_scatter(idata)
 
 # %% [markdown]
 # {doc}`/how_to/with_arviz` has more. {py:func}`~emcee_femu.find_map` and
@@ -122,9 +109,8 @@ ef.figures.plot_scatter(idata)
 # %%
 samplers = []
 for seed in (1, 2, 3, 4):
-    sampler = emcee.EnsembleSampler(
-        12, 3, log_likelihood, args=(x, y), moves=ef.DEMCMove()
-    )
+    options = {"args": (x, y), "moves": ef.DEMCMove()}
+    sampler = emcee.EnsembleSampler(12, 3, log_likelihood, **options)
     sampler.random_state = np.random.RandomState(seed).get_state()  # emcee's seed
     start = np.random.default_rng(seed).normal([1.5, 0.8, 0.5], 0.1, size=(12, 3))
     sampler.run_mcmc(start, 1_500)
@@ -141,9 +127,7 @@ converted = ef.to_inference_data(samplers, discard=300, names=[*box])
 ef.parameter_table(converted)
 
 # %% [markdown]
-# `DEMCMove` replaces `emcee.moves.DEMove`. It proposes
-# $\theta_i + \gamma(\theta_a - \theta_b) + \epsilon$ with
-# $\gamma = 2.38/\sqrt{2d}$; emcee's move varies $\gamma$ at random and has no $\epsilon$.
+# `DEMCMove` replaces `emcee.moves.DEMove`; {doc}`/how_to/choose_a_move` has the difference.
 # An independence move, `[(ef.IndependenceMove.fit(samples), 0.8), (ef.DEMCMove(), 0.2)]`,
 # is more efficient if the posterior is close to the distribution fitted to the burn-in.
 # Mixtures, backends, pools, `vectorize=True`, blobs and `parameter_names` work as for

@@ -1,9 +1,9 @@
 # %% [markdown]
-# # Long runs and clusters
+# # Long runs
 #
 # A run of days meets power cuts, time limits of a queue, full disks and solves that do
 # not converge. This page keeps a run in a file, kills it and continues it, and shows
-# what happens if the model has changed. It also has the job script of a cluster.
+# what happens if the model has changed.
 # `python examples/tutorials/long_runs.py` runs this page (12 s of processor time). The
 # measured frequencies are made up.
 #
@@ -103,9 +103,8 @@ print("killed in the middle:", 60 <= stored < 300)
 done = subprocess.run(**start, capture_output=True, text=True, check=True)
 print(done.stdout)
 
-(whole,) = ef.run(
-    posterior(), nwalkers=12, steps=300, seed=1, moves=ef.DEMCMove(), ensembles=1
-)
+options = {"moves": ef.DEMCMove(), "nwalkers": 12, "ensembles": 1, "seed": 1}
+(whole,) = ef.run(posterior(), steps=300, **options)
 resumed = ef.to_inference_data(file, posterior()).posterior
 same = np.array_equal(resumed["k1"], whole.get_chain()[..., 0].T)  # (walkers, steps)
 print("identical to a run that was never stopped:", same)
@@ -133,7 +132,6 @@ def corrected(p):
 
 
 changed = posterior(corrected)
-options = {"moves": ef.DEMCMove(), "nwalkers": 12, "ensembles": 1, "seed": 1}
 try:
     ef.run(changed, steps=400, backend=file, resume=True, **options)
 except ValueError as error:
@@ -165,22 +163,8 @@ for solves in (10_000, 200_000):
 #
 # ## A job script
 #
-# For one node of a Slurm cluster; {doc}`/how_to/clusters` has pools for several:
-#
-#  ```bash
-#  #!/bin/bash
-#  #SBATCH --ntasks=1 --cpus-per-task=16
-#  #SBATCH --time=24:00:00
-#  #SBATCH --job-name=bridge --dependency=singleton
-#  export OMP_NUM_THREADS=1
-#  python job.py
-#  ```
-#
-# In `job.py`, use `workers=16`, whose chain is that of a serial run; the linear algebra
-# of each worker has one thread.
-# Submit the script three times: `--dependency=singleton` runs jobs of the same name one
-# after another. Each continues where the last one was stopped, and those that find
-# nothing left to do end at once.
+# {doc}`/how_to/clusters` has job scripts, among them one whose jobs wait for each other:
+# each continues where the last one was stopped.
 
 # %% tags=["remove-cell"]
 assert 60 <= stored < 300 and same

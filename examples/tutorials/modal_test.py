@@ -6,9 +6,14 @@
 # structure is a two-storey steel frame of one bay, 6.0 m by 5.6 m; eight accelerometers
 # found six modes. The stiffnesses of the columns, of the beams along x and of the beams
 # along y are unknown.
+# `python examples/tutorials/modal_test.py` runs this page (15 s) and leaves its files in
+# `figures/modal_test`.
 #
-# `python examples/tutorials/modal_test.py` runs this page (15 s) and leaves its
-# files in `figures/modal_test`.
+# ## What was measured
+#
+# Write the test report as a CSV file, by hand if you like. `sensor` is any name; `dof` is
+# its place in the model: `8:ux` is the displacement of node 8 along x. [CSV and
+# universal files](../how_to/csv_and_uff.py) has all rows.
 
 # %%
 from pathlib import Path
@@ -18,14 +23,6 @@ from scipy import stats
 
 import emcee_femu as ef
 
-# %% [markdown]
-# ## What was measured
-#
-# Write the test report as a CSV file, by hand if you like. `sensor` is any name; `dof` is
-# its place in the model: `8:ux` is the displacement of node 8 along x. [CSV and
-# universal files](../how_to/csv_and_uff.py) has all rows.
-
-# %%
 directory = Path("figures/modal_test")
 directory.mkdir(parents=True, exist_ok=True)
 (directory / "test.csv").write_text("""\
@@ -45,11 +42,10 @@ test = ef.Measurements.from_csv(directory / "test.csv")
 print(test)
 
 # %% [markdown]
-# MPC, the modal phase collinearity, is 1 for real shapes. The standard deviations are
-# 0.2 %, the scatter of a good modal test. The numbers are simulated, so the truth is
-# known: columns, beams x and beams y have 0.95, 1.15 and 0.85 of their nominal
-# stiffness. **The floors of the true frame are heavier on one side**, which the model
-# below does not know. So no parameters make it fit exactly, as with real structures.
+# The standard deviations are 0.2 %, the scatter of a good modal test. The numbers are
+# simulated, so the truth is known: columns, beams x and beams y have 0.95, 1.15 and 0.85
+# of their nominal stiffness. **The floors of the true frame are heavier on one side**,
+# which the model below does not know. So no parameters make it fit exactly.
 #
 # ## The model
 #
@@ -108,22 +104,15 @@ print("MAC           ", pairing.mac[0].round(2))
 # A lognormal prior keeps a stiffness positive: here 210 GPa, known to about 20 %. Two
 # more parameters describe the error of the model itself: `frequency error` is its
 # relative standard deviation in frequencies, on top of the measured 0.2 %, and
-# `shape error` the standard deviation at one sensor for a shape of unit length. Their
-# half-normal priors have scales that would not surprise.
+# `shape error` the standard deviation at one sensor for a shape of unit length.
 
 # %%
-stiffness = stats.lognorm(0.2, scale=210)  # GPa
-prior = ef.IndependentPrior(
-    {
-        **dict.fromkeys(model.names, stiffness),
-        "frequency error": stats.halfnorm(scale=0.02),
-        "shape error": stats.halfnorm(scale=0.1),
-    }
-)
-terms = [
-    ef.FrequencyTerm(test, discrepancy="frequency error"),
-    ef.ShapeTerm(test, discrepancy="shape error"),
-]
+priors = dict.fromkeys(model.names, stats.lognorm(0.2, scale=210))  # GPa
+priors |= {"frequency error": stats.halfnorm(scale=0.02)}
+priors |= {"shape error": stats.halfnorm(scale=0.1)}
+prior = ef.IndependentPrior(priors)
+terms = [ef.FrequencyTerm(test, discrepancy="frequency error")]
+terms += [ef.ShapeTerm(test, discrepancy="shape error")]
 units = dict.fromkeys(model.names, "GPa")
 posterior = ef.LogPosterior(paired, terms, prior, units)
 
@@ -142,9 +131,8 @@ diagnosis
 
 # %% [markdown]
 # Read the last three lines first. Go on only if they say "Chains: converged". "Search"
-# states a limit of every sampler: it misses a maximum that neither the search nor a
-# walker came near. "Fit" says whether the updated model predicts what was measured.
-# [Reading the tables](../start/reading.md) explains the columns, [the
+# says how small a maximum may be missing, "Fit" whether the updated model predicts what
+# was measured. [Reading the tables](../start/reading.md) explains the columns, [the
 # verdict](../explanation/verdict.py) what to do if a statement is another.
 #
 # ## What was learned
@@ -153,9 +141,8 @@ diagnosis
 ef.parameter_table(idata)
 
 # %% [markdown]
-# The last column is the posterior standard deviation divided by that of the prior. The
-# model's own error is inferred at 0.7 % in frequency, more than three times the scatter
-# of the test. With the 0.2 % alone the intervals would be far too narrow: see
+# The model's own error is inferred at 0.7 % in frequency, more than three times the
+# scatter of the test. With the 0.2 % alone the intervals would be far too narrow: see
 # [noise and model error](noise_and_model_error.py).
 
 # %% mystnb={"image": {"alt": "Scatter of three stiffnesses with 95 % ellipses, and of two errors, whose regions have a tail upwards; lines mark the true stiffnesses, inside each ellipse"}}
@@ -179,27 +166,22 @@ figure
 
 # %% [markdown]
 # A new measurement should lie on the thin line with 95 % probability, model error
-# included; zero is the measured value. All lines should cross zero, and here they do.
-# The MAC is about 0.97 for the modes that the uneven floors twist, whatever the
-# stiffnesses. The shape error, one for all modes, is therefore inferred at 0.06, three
-# times the 0.02 with which the sensors were simulated.
+# included; zero is the measured value. The MAC is about 0.97 for the modes that the uneven
+# floors twist, so that the shape error is inferred at 0.06, three times the 0.02 with
+# which the sensors were simulated.
 #
-# The measured shapes (red) and the updated model (blue) on the structure: sway along y,
-# sway along x and torsion.
+# The measured shapes (red) and the updated model (blue): sway along y, along x, torsion.
 
 # %% mystnb={"image": {"alt": "Three mode shapes of the frame: grey at rest, blue the updated model, red lines with dots what eight sensors measured; the dots are near the model"}}
-shapes = ef.figures.plot_shapes(run, modes=[1, 2, 3])
-shapes
+ef.figures.plot_shapes(run, modes=[1, 2, 3])
 
 # %%
 ef.pairing_table(idata)
 
 # %% [markdown]
-# In some samples the sway modes have changed places. A comparison in ascending order
-# would have used the wrong modes there (last column).
-#
-# If the fit is bad, do not report numbers: chains of a wrong model converge too. Look at
-# the inferred errors, and at the sentences of {py:func}`~emcee_femu.identifiability`:
+# In some samples the sway modes have changed places (last column). If the fit is bad, do
+# not report numbers: look at the inferred errors, and at the sentences of
+# {py:func}`~emcee_femu.identifiability`:
 
 # %%
 print(*ef.identifiability(idata).findings, sep="\n")

@@ -91,8 +91,7 @@ ef.figures.plot_model_comparison(compared)
 # \text{prior})$$
 #
 # The fit is the mean of the log-likelihood over the posterior. The charge, the
-# Kullback-Leibler divergence, is how far the data narrowed the posterior down from the
-# prior.
+# Kullback-Leibler divergence, is how far the data narrowed the prior down.
 
 # %%
 charge = {}
@@ -136,8 +135,8 @@ print(f"lost: {loss:.2f}; ln 10 = {np.log(10):.2f}")
 #
 # {py:func}`~emcee_femu.log_evidence` takes runs of `"auto"`, by one bridge from the frozen
 # proposal to the chain, tempered runs, and annealed populations: [several
-# modes](../how_to/tempering.py). If a standard error cannot be trusted, none is claimed. The reason is then in
-# `problems`, and `compare_models` decides nothing. [Moves
+# modes](../how_to/tempering.py). If a standard error cannot be trusted, none is claimed,
+# and `compare_models` decides nothing. [Moves
 # measured](../explanation/moves_measured.md) compares all three with exact values.
 
 # %% tags=["remove-cell"]
@@ -148,7 +147,6 @@ assert by_class["one factor"] > 5
 assert list(by_class)[0] == "second storey apart"
 assert 0 < by_class["three stiffnesses"] < 3
 assert "against one factor is very strong" in compared.conclusion
-assert charge["one factor"] < charge["second storey apart"]
-assert charge["second storey apart"] < charge["three stiffnesses"]
+assert [*charge.values()] == sorted(charge.values())
 assert abs(loss - np.log(10)) < 0.06
 assert all(ef.diagnose(s).converged for s in runs.values())

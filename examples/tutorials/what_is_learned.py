@@ -4,9 +4,11 @@
 # Before a test, you can see which parameters it will determine, and choose modes and
 # sensors accordingly. After the test, you can separate what the data say from what only
 # the prior says, and see what to add if a parameter stays unknown.
-#
 # `python examples/tutorials/what_is_learned.py` runs this page (6 s). The test is
 # simulated.
+#
+# A shear building has five floors of 20 t. The factors k1 to k5 of its storeys' nominal
+# stiffness, 30 MN/m, are uncertain by about 20 %. Units: kN, t, m.
 
 # %%
 import textwrap
@@ -17,11 +19,6 @@ from scipy import stats
 import emcee_femu as ef
 from emcee_femu.table import Table
 
-# %% [markdown]
-# A shear building has five floors of 20 t. The factors k1 to k5 of its storeys' nominal
-# stiffness, 30 MN/m, are uncertain by about 20 %. Units: kN, t, m.
-
-# %%
 N, MASS, STIFFNESS = 5, 20.0, 30e3
 FLOORS = MASS * np.eye(N)
 names = [f"k{storey}" for storey in range(1, N + 1)]
