@@ -72,15 +72,8 @@ def main(
     posterior = ef.LogPosterior(model, given.terms, given.prior)
     with mpi_pool() if mpi else dask_pool(scheduler, workers) as (pool, count):
         begin = time.perf_counter()
-        run = ef.run(
-            posterior,
-            ef.DEMCMove(),
-            nwalkers=max(16, 4 * count),
-            steps=steps,
-            ensembles=1,
-            seed=seed,
-            pool=pool,
-        )
+        options = {"ensembles": 1, "seed": seed, "pool": pool}
+        run = ef.run(posterior, ef.DEMCMove(), max(16, 4 * count), steps, **options)
         elapsed = time.perf_counter() - begin
     print(f"{count} workers: {run[0].nwalkers} walkers, {elapsed:.1f} s")
     idata = ef.to_inference_data(run, discard=steps // 2)

@@ -90,8 +90,10 @@ class SortedTerm:
         return -0.5 * ((r / sd) ** 2).sum(axis=1)
 
 
-numbers = ef.FunctionModel(lambda p: solve(p).frequencies[:2], SortedTerm.reads)
-plain = ef.LogPosterior(numbers, SortedTerm(), prior)
+lowest = ef.FunctionModel(
+    lambda p: solve(p).frequencies[:2], variables=SortedTerm.reads
+)
+plain = ef.LogPosterior(lowest, SortedTerm(), prior)
 as_numbers = ef.emulate(plain, solves=16, seed=1, tolerance=0)
 
 # %% [markdown]

@@ -41,7 +41,7 @@ print(exact.round(3), "Hz")
 # | what the tests of one campaign share: temperature, mounting, calibration | as large | no | leave the scatter undivided |
 # | the model's own: what it leaves out | 1 to 2 % for a good model | no | `discrepancy=`, inferred |
 #
-# {doc}`/how_to/repeated_tests` makes the covariance **of one test** from several.
+# {doc}`/how_to/csv_and_uff` makes the covariance **of one test** from several.
 #
 # ## The model's own error
 #
