@@ -5,10 +5,8 @@
 # why R-hat over walkers is not convergence, what to do about a complaint, and what no
 # diagnosis can see. `python examples/explanation/verdict.py` runs the page (10 s).
 #
-# `diagnose(run)` ends in three statements, each with a status of its own. *Chains*: did
-# they converge, by which number, and how many steps does it take? *Search*: what was
-# found, and how small a mode may be missing? *Fit*: is the measurement inside the
-# posterior predictive? Chains of a wrong model converge too, so look at all three.
+# `diagnose(run)` ends in three statements, on the chains, the search and the fit, each with
+# a status of its own. Chains of a wrong model converge too, so look at all three.
 #
 # The example is a simulated two-storey frame with a soft lower or a soft upper storey,
 # which have the same two frequencies (Beck and Au 2002): two modes far apart.
@@ -22,13 +20,11 @@ import numpy as np
 import emcee_femu as ef
 
 lower, upper = np.diag([29.7e6, 0.0]), 29.7e6 * np.array([[1.0, -1.0], [-1.0, 1.0]])
-model = ef.MatrixModel(
-    np.zeros((2, 2)), np.diag([16.5e3, 16.1e3]), {"x1": lower, "x2": upper}, n_modes=2
-)
+K, M = {"x1": lower, "x2": upper}, np.diag([16.5e3, 16.1e3])
+model = ef.MatrixModel(np.zeros((2, 2)), M, K, n_modes=2)
 term = ef.FrequencyTerm([3.13, 9.83], relative_sd=0.01)
-prior = ef.GaussianPrior(
-    ["x1", "x2"], [1.2, 0.6], [0.6, 0.3], bounds=[(0.1, 3.0), (0.05, 1.5)]
-)
+bounds = [(0.1, 3.0), (0.05, 1.5)]
+prior = ef.GaussianPrior([*K], [1.2, 0.6], [0.6, 0.3], bounds)
 posterior = ef.LogPosterior(model, term, prior)
 run = ef.run(posterior, seed=1)
 good = ef.diagnose(run)
@@ -179,9 +175,9 @@ in_rad = ef.FrequencyTerm(2 * np.pi * np.array([3.13, 9.83]), relative_sd=0.01)
 with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
     wrong = ef.run(ef.LogPosterior(model, in_rad, prior), steps=100, seed=1)
-doubt = str(caught[0].message)
 unfit = ef.diagnose(wrong).fit
-print(fill(f"Warning: {doubt}", 80), fill(f"Fit: {unfit.sentence}", 80), sep="\n\n")
+said = f"Warning: {caught[0].message}", f"Fit: {unfit.sentence}"
+print(*(fill(sentence, 80) for sentence in said), sep="\n\n")
 
 # %% [markdown]
 # The warning comes before any sampling ({doc}`/start/choose` says when). The statement on
@@ -196,8 +192,7 @@ print(fill(f"Warning: {doubt}", 80), fill(f"Fit: {unfit.sentence}", 80), sep="\n
 # %% tags=["remove-cell"]
 assert good.converged and len(good.modes.importance) == 2
 assert good.search.status == "searched" and good.fit.status == "fits"
-assert "rad/s" in doubt and unfit.status == "does not fit"
-assert "rad/s" in unfit.sentence
+assert unfit.status == "does not fit" and all("rad/s" in s for s in said)
 expected = ["too short", "walkers stay apart", "ensembles disagree", "starts given"]
 assert [*shorts.values()] == [*expected, "one ensemble"]
 exact = density[x1 < 1].sum() * (x1[1] - x1[0])

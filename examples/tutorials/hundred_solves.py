@@ -7,14 +7,7 @@
 # the check fails. `python examples/tutorials/hundred_solves.py` runs this page (28 s of
 # processor time). Structure and data are simulated.
 #
-# | a solve takes | and you have | use | true solves |
-# |---|---|---|---|
-# | microseconds | K and M, a small model | `run(posterior, seed=1)` | 10,000 and more |
-# | milliseconds to seconds | K and M whose parts functions of the parameters multiply | `reduce_model`, then `run`: {doc}`large_models` | some tens |
-# | the same | an FE program that writes K and M | `read_matrices`, `MatrixModel.from_differences`, then as above: {doc}`/how_to/matrices` | 1 to 3 per parameter |
-# | seconds to hours | a program that gives only results | `emulate`, `run` on what it returns, `certify` | about 10 per parameter, and 100 |
-# | the same | one that gives derivatives, too | the same: `FunctionModel(..., jacobian=)` | about 3 per parameter, and 100 |
-# | the same | an emulator that `certify` refuses | more `solves` from the same file; else `DelayedAcceptanceMove(..., steps=100)` | 1 per walker and step |
+# {doc}`/start/choose` says when this is the way to go, by what a solve costs.
 #
 # ## The program
 #
@@ -78,8 +71,7 @@ posterior = ef.LogPosterior(model, term, prior, units)
 # it arrives.
 
 # %%
-folder = tempfile.TemporaryDirectory()  # yours is where you keep your results
-file = Path(folder.name) / "bridge.chain"
+file = Path(tempfile.mkdtemp()) / "bridge.chain"
 emulated = ef.emulate(posterior, solves=40, seed=1, backend=file)
 print(f"{len(calls)} calls of the program")
 emulated
@@ -110,8 +102,7 @@ idata = ef.to_inference_data(run)
 ef.diagnose(run)
 
 # %% [markdown]
-# These statements are about the chain of the emulated posterior, not about the
-# emulator. The next step checks that.
+# These statements are about the chain, not about the emulator. The next step checks that.
 #
 # ## Certify
 #
@@ -129,8 +120,7 @@ certificate
 #   one, by the weights. *shift/sd* is their difference in posterior standard deviations.
 # - **Efficiency** is the effective share of the weights, 1 if all are equal; **Pareto k**
 #   describes how heavy their tail is.
-# - The verdict is *certified*, *corrected* (the weights correct the posterior) or
-#   *refused*, with what to do: {doc}`/explanation/certificate`.
+# - {doc}`/explanation/certificate` has the verdicts.
 #
 # Continue with `certificate.idata`; its tables and figures state the verdict.
 
