@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 from commands import command, tabulate
-from scipy import stats
 
 import emcee_femu as ef
 
@@ -52,11 +51,7 @@ def study(page, prior, seed, loss):
 def main(pairs: int = 400):
     """Print the table, and return it; a quarter of the pairs has a damage."""
     page = runpy.run_path(str(TUTORIAL))
-    names = [f"{part} {state}" for state in page["models"] for part in PARTS]
-    prior = ef.IndependentPrior(
-        dict.fromkeys(names, stats.norm(200.0, 30.0)),
-        bounds=dict.fromkeys(names, page["LIMITS"]),
-    )
+    prior = ef.IndependentPrior(page["priors"], bounds=page["bounds"])
     rows = []
     for loss, count in (0.0, pairs - pairs // 4), (0.05, pairs // 4):
         found = [study(page, prior, seed, loss) for seed in range(count)]

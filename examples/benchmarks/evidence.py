@@ -83,11 +83,9 @@ def beck_au() -> Problem:
     """
     x1 = stats.lognorm(0.497868, scale=np.exp(0.510237))
     x2 = stats.lognorm(0.626675, scale=np.exp(0.169578))
-    K = {"x1": np.diag([1.0, 0.0]), "x2": np.array([[1.0, -1.0], [-1.0, 1.0]])}
+    K = {"x1": np.diag([29.7e6, 0.0]), "x2": 29.7e6 * np.array([[1, -1], [-1, 1]])}
     masses, nothing = np.diag([16.5e3, 16.1e3]), np.zeros((2, 2))
-    model = ef.MatrixModel(
-        nothing, masses, {name: 29.7e6 * k for name, k in K.items()}, n_modes=2
-    )
+    model = ef.MatrixModel(nothing, masses, K, n_modes=2)
     prior = ef.IndependentPrior({"x1": x1, "x2": x2})
     return Problem(ef.LogPosterior(model, misfit, prior), float(np.log(1.50950e-3)))
 

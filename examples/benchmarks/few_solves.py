@@ -211,9 +211,8 @@ def judge(name: str, learned: str, seed: int, workers: int) -> Seed:
         most = min(int(WIDER * most), ROUNDS * workers)
     begin = time.process_time()
     with ThreadPoolExecutor(workers) as pool:
-        emulated = ef.emulate(
-            problem.posterior, most, seed=seed, pool=pool, tolerance=0
-        )
+        options = {"seed": seed, "pool": pool, "tolerance": 0}
+        emulated = ef.emulate(problem.posterior, most, **options)
     run = sample(emulated.posterior, EVALUATIONS, seed)
     idata = ef.to_inference_data(run)
     certificate = ef.certify(idata, problem.posterior, SOLVED, seed=seed)

@@ -44,10 +44,8 @@ def efficiency(
     gradients = isinstance(move, ef.moves.HamiltonianMove)
     cost = (move.steps if gradients else 1) * len(starts)
     kept = max(20, solves // cost)
-    run = ef.run(
-        posterior, move, len(starts), kept // 4 + kept, ensembles=1, seed=seed,
-        starts=starts,
-    )  # fmt: skip
+    options = {"ensembles": 1, "seed": seed, "starts": starts}
+    run = ef.run(posterior, move, len(starts), kept // 4 + kept, **options)
     return 1000 * ef.diagnose(run, discard=kept // 4).ess_bulk.min() / (kept * cost)
 
 
@@ -59,10 +57,8 @@ def compare(d: int, building: int, solves: int) -> tuple[object, ...]:
     draws = laplace.draw(3 * d + SAMPLES, seed=building)
     metric = laplace.maxima[0].covariance
     hmc = ef.moves.HamiltonianMove.tuned(posterior, draws[:SAMPLES], metric, seed=1)
-    moves = (
-        (hmc, draws[-WALKERS:], solves),
-        (ef.DEMCMove(), draws[-3 * d :], 4 * solves),  # more, to be stable
-    )
+    moves = [(hmc, draws[-WALKERS:], solves)]
+    moves += [(ef.DEMCMove(), draws[-3 * d :], 4 * solves)]  # more, to be stable
     ess = [efficiency(posterior, *each, seed=building) for each in moves]
     return d, building, laplace.pareto_k, f"{hmc.steps} x {hmc.step_size:.2f}", *ess
 
@@ -74,9 +70,7 @@ COLUMNS = {
 
 
 def main(
-    storeys: tuple[int, ...] = (20, 30, 50),
-    solves: int = 20_000,
-    buildings: int = 3,
+    storeys: tuple[int, ...] = (20, 30, 50), solves: int = 20_000, buildings: int = 3
 ) -> Table:
     """Print and return a table with a row per building."""
     cases = itertools.product(storeys, range(1, buildings + 1))

@@ -91,9 +91,8 @@ def compare(
         weights = np.bincount(label(x), minlength=len(weights)) / len(x)
     lost = np.abs(weights - truth.weights).max() > FAR_WEIGHT
     means, sds = off > FAR_MEAN * truth.sd, np.abs(relative) > FAR_SD
-    beyond = (means & (off > 3 * error)) | (
-        sds & (np.abs(relative) > 2 * found.sd_error)
-    )
+    beyond = means & (off > 3 * error)
+    beyond |= sds & (np.abs(relative) > 2 * found.sd_error)
     worst = int(np.argmax(np.abs(relative)))
     return Run(
         found.converged, bool(lost or beyond.any()), not (lost or (means | sds).any()),
@@ -116,9 +115,7 @@ def summarize(name: str, runs: list[Run]) -> tuple[object, ...]:
 
 
 def main(
-    seeds: int = 3,
-    targets: str = "fourteen",
-    first: int = 0,
+    seeds: int = 3, targets: str = "fourteen", first: int = 0
 ) -> dict[str, list[Run]]:
     """Run a set, a name or those with a part of it; print and return runs by target."""
     named = [targets] if targets in ALL else [name for name in ALL if targets in name]

@@ -105,5 +105,4 @@ classes = ef.compare_models(runs)
 ef.figures.plot_model_comparison(classes)
 
 # %% tags=["remove-cell"]
-assert ef.diagnose(run).converged
-assert len(classes.standings) == len(runs)
+assert ef.diagnose(run).converged and len(classes.standings) == len(runs)

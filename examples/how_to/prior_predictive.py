@@ -36,7 +36,6 @@ tests = predict({"all": sum(storeys.values())})
 low, high = np.quantile(tests, [0.025, 0.975], axis=0)
 columns = [("mode", "d", [1, 2, 3]), ("measured Hz", ".2f", measured)]
 columns += [("prior's 2.5 %", ".2f", low), ("97.5 %", ".2f", high)]
-columns += [("% of draws below", ".0f", 100 * (tests < measured).mean(axis=0))]
 Table.from_columns("Predictions of the prior, 500 solves", columns)
 
 # %% [markdown]
@@ -85,8 +84,7 @@ figure
 # 3. Widen a prior only if it claimed more than you know, not until the test fits.
 #
 # A slow program affords fewer draws, say 50, or {doc}`its emulator
-# </tutorials/hundred_solves>` predicts in its place. The draws are in ArviZ's group
-# `prior_predictive`, beside the samples if you convert a run; ArviZ draws them by
+# </tutorials/hundred_solves>` predicts in its place. ArviZ draws the group by
 # `plot_ppc(idata, group="prior")`, or since version 1 by
 # `plot_ppc_dist(idata, group="prior_predictive")`.
 
