@@ -4,11 +4,9 @@ The solver here stands for an external FE program: it solves the paper's mass-sp
 structure, slowly. The posterior is sent to each worker once, then only coordinates
 are. The chain is that of a serial run with this seed.
 
-With dask, two workers are started on this machine if no address is given; on a
-cluster start a scheduler and the workers, and give ``--scheduler``. With MPI, rank 0
-is the master, which samples, and the other ranks evaluate. The page "Use many
-processors, or a cluster" (docs/how_to/clusters.md) has the job scripts. At most half
-the walkers are evaluated at once, hence 4 walkers per worker here.
+With dask, two workers are started on this machine if no address is given. With MPI,
+rank 0 samples, and the other ranks evaluate. The page "Use many processors, or a
+cluster" (docs/how_to/clusters.md) has the job scripts.
 
 Run it:  python examples/cluster.py
          mpiexec -n 3 python examples/cluster.py --mpi

@@ -94,9 +94,8 @@ for move, share in run.moves:
 # is good, as with most of 14 parameters at their bounds, each starts from its own
 # annealed population.
 #
-# Climbs, annealing and second attempts stop when the search has spent what it may. The
-# number, and the seconds estimated from the first solve, are logged before the search
-# begins; `run(..., progress=True)` shows a bar.
+# Climbs, annealing and second attempts stop when the search has spent what it may
+# ({doc}`/start/choose`).
 #
 # ## What is on record
 #
@@ -111,10 +110,8 @@ print("their standard errors:", np.round(search.errors, 3))
 ef.diagnose(run)
 
 # %% [markdown]
-# A mode that no point of the search hit is not in the proposal; the statement on the
-# search says how small it may be. `steps=` of a longer run searches more, and so do
-# starts of your own (`starts=`). The chain holds no part of the search, so that nothing
-# needs to be discarded:
+# A mode that no point of the search hit is not in the proposal. The chain holds no part of
+# the search, so that nothing needs to be discarded:
 
 # %%
 chain = run[0].get_chain().shape

@@ -5,11 +5,10 @@
 # a stand-in for the model, what do its three verdicts mean, and what can it not see?
 # `python examples/explanation/certificate.py` runs the page (4 s) on made-up data.
 #
-# A stand-in (an emulator, a reduced or a coarse model) gives a posterior that is nearly
-# right. `certify` spends full solves on draws of it. At each draw the weight is the
-# ratio of true to emulated density. If all weights are equal, the emulated posterior is
-# the true one. If they differ, they correct it. If a few carry everything, it is
-# useless.
+# `certify` spends full solves on draws of the emulated posterior. At each draw the weight
+# is the ratio of true to emulated density. If all weights are equal, the emulated
+# posterior is the true one. If they differ, they correct it. If a few carry everything,
+# it is useless.
 #
 # ## Three stand-ins
 #

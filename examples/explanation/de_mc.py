@@ -88,9 +88,8 @@ figure
 #
 # ## Exact start: how wrong is it?
 #
-# Draw many ensembles from a Gaussian of variance 1 in three dimensions, so that every
-# walker has the right distribution from the beginning, and move them. A correct move
-# keeps the variance at 1 at every step. First the wrong move, on all ensembles at once:
+# Draw many ensembles from a Gaussian of variance 1 in three dimensions, and move them. A
+# correct move keeps the variance at 1. First the wrong move, on all ensembles at once:
 
 
 # %%

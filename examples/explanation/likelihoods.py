@@ -67,10 +67,9 @@ show("correlated", correlated, correlated_by_scipy)
 #
 # ## What the model cannot represent
 #
-# Tests often scatter by 0.2 % while a good model is off by 1 or 2 %. With the scatter
-# alone as error, the posterior is far too narrow, about values that make up for the
-# model's errors. `discrepancy="error"` adds a relative standard deviation $\sigma_d$
-# that is a parameter with a prior of its own:
+# Tests often scatter by 0.2 % while a good model is off by 1 or 2 % ([noise and model
+# error](../tutorials/noise_and_model_error.py)). `discrepancy="error"` adds a relative
+# standard deviation $\sigma_d$ that is a parameter with a prior of its own:
 #
 # $$ \ln p = -\tfrac12 r^T (R + \sigma_d^2 I)^{-1} r
 #    - \tfrac12 \ln \det 2 \pi (R + \sigma_d^2 I) - \sum_i \ln f_i^m , $$
@@ -78,8 +77,7 @@ show("correlated", correlated, correlated_by_scipy)
 # with $R$ the covariance of the relative measurement errors. The determinant keeps
 # $\sigma_d$ from growing. The prior must be proper: if $R = 0$, the usual improper prior
 # of a scale, $1/\sigma_d$, has an infinite integral if some parameters make all residuals
-# zero at once, which is usual unless there are more residuals than parameters. [Noise and
-# model error](../tutorials/noise_and_model_error.py) shows what it does.
+# zero at once, which is usual unless there are more residuals than parameters.
 
 # %%
 term = ef.FrequencyTerm(measured, relative_sd=0.002, discrepancy="error")
@@ -172,9 +170,7 @@ show("statics", statics, stats.norm.logpdf(u, u_m, 0.1))
 
 # %%
 lines = np.linspace(0.5, 1.8, 131)
-one = ef.MatrixModel(
-    np.zeros((1, 1)), np.eye(1), {"k": np.eye(1)}, n_modes=1, shapes=True
-)
+one = ef.MassSpringModel([1.0], {"k": (0, 1, 40.0)}, shapes=True)
 frf = ef.frf.FRFModel(one, lines, [(0, 0)], damping=0.02)
 H = frf({"k": np.array([40.0])})
 exact = frf({"k": np.array([39.5])})["receptance"][0] @ [1, 1j]

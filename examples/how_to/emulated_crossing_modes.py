@@ -70,9 +70,8 @@ emulated
 # %% [markdown]
 # ## Without them
 #
-# For comparison, here are the same numbers as a plain variable under another name, with
-# a term that reads it. `emulate` takes these as they are, kinks included. (`deviations`
-# gives it the measurement errors.)
+# For comparison, here are the same numbers as a plain variable under another name, which
+# `emulate` takes as they are, kinks included:
 
 
 # %%
@@ -124,8 +123,7 @@ for name, error in zip(errors, rms, strict=True):
 # structure seven modes were as good as nine. Eight were worse, because the last ones
 # cross modes that are not returned (`examples/benchmarks/few_solves.py` has it).
 #
-# {doc}`/explanation/few_solves_measured` has whole problems, and says what the Gaussian
-# processes are.
+# {doc}`/explanation/few_solves_measured` has whole problems.
 
 # %% tags=["remove-cell"]
 assert emulated.solves == as_numbers.solves == 16

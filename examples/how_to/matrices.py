@@ -6,10 +6,7 @@
 # thousands of parameter sets without the program. `python examples/how_to/matrices.py`
 # runs this page (2 s). Its numbers are made up.
 #
-# {py:func}`~emcee_femu.read_matrices` reads what a program exports, and
-# {py:meth}`MatrixModel.from_differences <emcee_femu.MatrixModel.from_differences>`
-# makes the model from one export per parameter. {doc}`calculix` does so with the files of
-# a real program.
+# {doc}`calculix` does so with the files of a real program.
 #
 # ## What to export
 #

@@ -86,16 +86,14 @@ print(bridged)
 
 # %% [markdown]
 # A mean and a standard deviation do not describe such a posterior: report the modes one
-# by one.
+# by one. Conversion, tables, figures and `diagnose` use only the cold walkers.
 #
-# - Conversion, tables, figures and `diagnose` use only the cold walkers.
 # - `nwalkers` counts all blocks together, a multiple of the number of betas; the
 #   default is as many for each as `run` would take.
 # - No standard error of the evidence is claimed if two neighbouring powers hardly
 #   overlap, or if the chain is shorter than 20 autocorrelation times of the evidence;
 #   `problems` has the reason. Another seed or a larger population may have an error.
-# - [The verdict](../explanation/verdict.py) says how several modes affect a verdict,
-#   [model classes](../tutorials/model_classes.py) how to compare evidences.
+# - [Model classes](../tutorials/model_classes.py) are compared by their evidences.
 #
 # ## A population in one call: TMCMC
 #

@@ -67,9 +67,8 @@ evidence
 
 # %% [markdown]
 # It is that of this prior, uniform in the box. If your function is a `log_probability`
-# and holds its prior already, give it with bounds alone: the samples are its own, inside
-# the box. The evidence is then divided by the volume of the box, and the printed number
-# takes it back.
+# and holds its prior already, give it with bounds alone. The evidence is then divided by
+# the volume of the box, and the printed number takes it back.
 #
 # ## The stretch move beside the others
 #

@@ -80,10 +80,9 @@ compared
 # | end to end | e with all evaluations counted: burn-in, starts and search |
 # | verdict | that of {py:func}`~emcee_femu.diagnose` on the chains |
 #
-# The conclusion below the table follows three rules. A move wins only if its lead is
-# more than two combined standard errors. It wins only if it has converged: a chain of
-# fewer than 50 autocorrelation times does not know its own tau, nor its ESS. The
-# conclusion also says if burn-in and search reverse the order.
+# A move wins only if its lead is more than two combined standard errors, and if it has
+# converged: a chain of fewer than 50 autocorrelation times does not know its own tau, nor
+# its ESS. The conclusion also says if burn-in and search reverse the order.
 
 # %% mystnb={"image": {"alt": "One row per move with its ESS per 1000 evaluations: auto far to the right, tuned M-H and DE-MC close to each other, the stretch move and small steps behind them; beside it the error of each running mean"}}
 ef.figures.plot_comparison(compared)

@@ -138,8 +138,7 @@ ef.diagnose(run)
 # ## A million degrees of freedom
 #
 # By the growth in this table a million DOFs of a solid take a quarter of an hour and
-# 30 GB to factor, and fifty such solves most of a day. So leave the large eigenproblem to
-# your FE program, and use one of two ways:
+# 30 GB to factor. So leave the large eigenproblem to your FE program, in one of two ways:
 #
 # - **Its modal basis.** Solve at the centre and at the corners of the bounds, and export
 #   these modes beside K and M. In the basis V of all of them, `V.T @ K @ V` and
@@ -150,11 +149,10 @@ ef.diagnose(run)
 #
 # ## A coarse model, corrected
 #
-# Suppose the error of the cheap model is larger than that of the measurement: a
-# reduction to 3 %, a coarser mesh, an emulator.
-# {py:class}`~emcee_femu.moves.DelayedAcceptanceMove` lets each walker walk 20 steps by
-# the cheap posterior, and one full solve accepts or rejects where it arrived. The chain
-# is that of the full model, however wrong the cheap one is; a bad one costs acceptance.
+# If the error of the cheap model (a coarser mesh, an emulator) is larger than that of the
+# measurement, {py:class}`~emcee_femu.moves.DelayedAcceptanceMove` lets each walker walk 20
+# steps by the cheap posterior, and one full solve accepts or rejects where it arrived. The
+# chain is that of the full model, however wrong the cheap one is.
 
 # %%
 coarse = ef.reduce_model(full, bounds, tolerance=0.03, test_points=10)

@@ -68,11 +68,8 @@ file = home / "run.chain"
 
 # %%
 search = [str(Path(ef.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
-start = {
-    "args": [sys.executable, "job.py"],
-    "cwd": home,
-    "env": os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, search))},
-}
+environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, search))}
+start = {"args": [sys.executable, "job.py"], "cwd": home, "env": environment}
 space = {"__name__": "job"}
 exec(JOB, space)  # model and posterior of the script; it does not run
 posterior = space["posterior"]
@@ -113,11 +110,8 @@ print("identical to a run that was never stopped:", same)
 # So a job script may always say `resume=True`: without a file a new run begins, and if
 # the run is complete the call returns at once. {py:func}`~emcee_femu.anneal`,
 # {py:func}`~emcee_femu.emulate` and {py:func}`~emcee_femu.certify` also take `backend`
-# and `resume`, each with its own file.
-#
-# The file is a SQLite database: each step is stored completely or not at all, with a
-# checksum. A second run that writes to the same file is refused. On a network file
-# system see {doc}`/how_to/clusters`.
+# and `resume`, each with its own file: a SQLite database, in which each step is stored
+# completely or not at all ({doc}`/how_to/clusters` has network file systems).
 #
 # ## The same posterior, or another one?
 #

@@ -7,10 +7,9 @@
 # tests are simulated, so the answer is known. `python examples/tutorials/many_tests.py`
 # runs this page in some 20 s.
 #
-# A single posterior of all data answers another question. It assumes that the
-# parameters are constant, so its standard deviations shrink with the number of tests,
-# below the scatter between tests. {py:func}`~emcee_femu.pool_tests` starts from the
-# posteriors of the single tests instead, and needs no new FE solve.
+# A single posterior of all data assumes that the parameters are constant, so its standard
+# deviations shrink below the scatter between tests. {py:func}`~emcee_femu.pool_tests`
+# starts from the posteriors of the single tests instead, and needs no new FE solve.
 #
 # ## Twelve tests
 #

@@ -6,14 +6,14 @@
 # structure is a two-storey steel frame of one bay, 6.0 m by 5.6 m; eight accelerometers
 # found six modes. The stiffnesses of the columns, of the beams along x and of the beams
 # along y are unknown.
-# `python examples/tutorials/modal_test.py` runs this page (15 s) and leaves its files in
+# `python examples/tutorials/modal_test.py` runs this page (15 s) and leaves a file in
 # `figures/modal_test`.
 #
 # ## What was measured
 #
-# Write the test report as a CSV file, by hand if you like. `sensor` is any name; `dof` is
-# its place in the model: `8:ux` is the displacement of node 8 along x. [CSV and
-# universal files](../how_to/csv_and_uff.py) has all rows.
+# Write the test report as a CSV file. `sensor` is any name; `dof` is its place in the
+# model: `8:ux` is the displacement of node 8 along x. [Measured
+# modes](../how_to/csv_and_uff.py) has all rows.
 
 # %%
 from pathlib import Path
@@ -161,8 +161,7 @@ ef.figures.plot_scatter(idata, truths=truth)
 ef.frequency_table(idata)
 
 # %% mystnb={"image": {"alt": "Deviations of six frequencies in percent before and after updating, and their MAC"}}
-figure = ef.figures.plot_predictive(idata, posterior)
-figure
+ef.figures.plot_predictive(idata, posterior)
 
 # %% [markdown]
 # A new measurement should lie on the thin line with 95 % probability, model error
@@ -189,15 +188,9 @@ print(*ef.identifiability(idata).findings, sep="\n")
 # %% [markdown]
 # ## The report
 #
-# Tables convert to pandas; `idata` is an ArviZ object with samples, predictions, priors
-# and data in one file. {py:func}`~emcee_femu.report` writes all of it as one HTML page.
-
-# %%
-ef.parameter_table(idata).to_frame().to_csv(directory / "parameters.csv")
-figure.savefig(directory / "predicted.png", dpi=150)
-idata.to_netcdf(directory / "posterior.nc")
-
-# %% [markdown]
+# {doc}`/how_to/report` writes all of it as one HTML page, or tables and figures in a
+# document of your own. A few lines say how it was done:
+#
 # *Prior: lognormal, 210 GPa, 20 %, for each stiffness; half-normal for the errors.
 # Likelihood: six frequencies with 0.2 % of measurement error and an inferred model
 # error; six shapes at eight sensors. Modes paired by MAC. Four ensembles, run until

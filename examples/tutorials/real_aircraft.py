@@ -105,9 +105,8 @@ ef.frequency_table(by_number)
 # in the same order, which the pictures show.
 
 # %%
-paired = ef.PairedModel(
-    small, MEASURED, reference=dict.fromkeys(six, 1.0), candidates=12
-)
+drawings = dict.fromkeys(six, 1.0)
+paired = ef.PairedModel(small, MEASURED, reference=drawings, candidates=12)
 by_shape = ef.run(ef.LogPosterior(paired, term, prior), steps=100, ensembles=2, seed=1)
 print(ef.diagnose(by_shape).fit.sentence)
 ef.frequency_table(by_shape)
@@ -121,9 +120,8 @@ ef.frequency_table(by_shape)
 #
 # ## What the model lacked
 #
-# So both become parts of the model, in place of the wing's factors: a spring about z
-# between body and wing, and the strip as bars of its own, 5.6 mm above the axis of the
-# wing. How much of its stiffness acts depends on the tape: nothing if it gives, all if
+# So a spring about z between body and wing, and the strip as bars of its own, replace the
+# wing's factors. How much of its stiffness acts depends on the tape: nothing if it gives, all if
 # it is rigid. The model's error is inferred, beside the small scatter of tests.
 
 # %%
@@ -132,10 +130,8 @@ bounds |= {"layer": (0.02, 1.0), "joint": (0.2, 40.0)}
 why = [*bounds]
 model = garteur(why, n_modes=12, shapes=True, joint=True, layer=True)
 small = ef.reduce_model(model, bounds)
-priors = {
+priors = dict.fromkeys(["fin small", "fin torsion"], stats.norm(1.0, 0.2)) | {
     "density": stats.norm(1.0, 0.05),
-    "fin small": stats.norm(1.0, 0.2),
-    "fin torsion": stats.norm(1.0, 0.2),
     "layer": stats.uniform(0.02, 0.98),  # the share of its stiffness that acts
     "joint": stats.lognorm(1.0, scale=3.0),  # 100 kN m, about z
     "model error": stats.lognorm(1.0, scale=0.01),

@@ -123,9 +123,8 @@ after = ef.identifiability(idata)
 after
 
 # %% [markdown]
-# The sd ratios are close to those of the plan (its fourth row). They differ because the
-# storey is softer than nominal, and because the plan assumed a Gaussian posterior. The
-# loss in the ground storey is found: its whole 95 % interval lies below 0.9.
+# The sd ratios are close to those of the plan (its fourth row). The loss in the ground
+# storey is found: its whole 95 % interval lies below 0.9.
 #
 # A parameter with an sd ratio near 1 would be as uncertain as before: its posterior is
 # the prior, and a narrower prior makes the answer narrower, not better. Such a prior is
@@ -155,7 +154,7 @@ print(textwrap.fill(alone.findings[-1]))
 
 # %% [markdown]
 # Each parameter by itself keeps an sd ratio of 0.7: two priors and one known ratio leave
-# 1/√2. A least-squares fit would have returned one point of the line, without a warning.
+# 1/√2.
 #
 # ## What to add
 #
