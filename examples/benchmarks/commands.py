@@ -23,10 +23,9 @@ DF, FEWEST = 8.0, 15  # of the mixture; draws per dimension that a fit takes
 
 def command(main: Callable[..., object]) -> None:
     """Call a function with what the command line gives; the rest are its defaults."""
-    parser = argparse.ArgumentParser(
-        description=inspect.getmodule(main).__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    shown = argparse.RawDescriptionHelpFormatter
+    text = inspect.getmodule(main).__doc__
+    parser = argparse.ArgumentParser(description=text, formatter_class=shown)
     for name, argument in inspect.signature(main).parameters.items():
         default = argument.default
         several = isinstance(default, tuple)

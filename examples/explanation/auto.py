@@ -154,22 +154,8 @@ idata = ef.to_inference_data(run)  # no discard
 # | `proposals.HELD_BY_TERMS` | 0.08 | 1.04 | 10 | 0 | 1.01 | 10 | 0 |
 # | `proposals.RELEVANT` | 8 | 0.97 | 10 | 0 | 1.04 | 10 | 0 |
 #
-# Of the other 107 numbers, the 41 below change none of these runs; 66 change solves by
-# 3 % at most, and no verdict.
-#
-# ````{dropdown} 41 numbers that change none of these runs
-# run.py: `FIRST_STEPS`, `SIZED_BY`; auto.py: `FEWEST_SEARCHED`, `REFINED`,
-# `MOST_QUADRATIC`, `MOST_SCREENED`, `POPULATION`, `POPULATION_DF`,
-# `POOR_ACCEPTANCE`, `TUNED`, `TUNING`, `CLIMBED_AT_LEAST`, `EVIDENCE_MISSED`,
-# `SHARE_BESIDE_HAMILTONIAN`; search.py: `VALLEY`, `MOST_CLIMBS`, `NEGLIGIBLE`;
-# record.py: `HAMILTONIAN`; response_surface.py: `LEARNED`, `MOST_TERMS`,
-# `MOST_FIRST_DRAWS`; anneal.py: `MOST_FINITE_DRAWS`, `RENEWED`, `MOST_SWEEPS`,
-# `MOST_ANNEALED`, `PER_COMPONENT`; tails.py: `MOST_SLABS`, `AGREE`,
-# `DRAWS_PER_DIMENSION`; climbing.py: `NOISE_OF_TOP`, `MOST_STEPS`, `SADDLE`,
-# `VANISHING`; curvature.py: `GRAINED_FIRST`, `GRAINED_OFFSET`, `MOST_GRAINED`;
-# proposals.py: `MOST_REFINED`, `CARRIES`, `FEWEST_OF_KURTOSIS`;
-# importance.py: `GOOD_K`, `PAIRED`.
-# ````
+# Of the other 107 numbers, 41 change none of these runs; 66 change solves by 3 % at most,
+# and no verdict.
 #
 # No number is on an edge. Of 252 changes, 248 leave all ten runs converged and right.
 # `FRUITLESS` halved or `UNTESTED` doubled makes the two equal: the search ends before
@@ -183,7 +169,7 @@ idata = ef.to_inference_data(run)  # no discard
 #
 # Of the 41 numbers that change nothing here, 24 change something in cases of the tests:
 # few solves or few steps, annealing, gradients, ten storeys, or a solver that prints
-# few digits. Of the other 17 this was not seen; most are limits that no run reached.
+# few digits. Most of the other 17 are limits that no run reached.
 
 # %% tags=["remove-cell"]
 names = [type(move).__name__ for move, _ in run.moves]

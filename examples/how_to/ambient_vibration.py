@@ -29,15 +29,10 @@ DELTA = 0.01  # of a shape of unit length
 
 
 def load_pyoma2():
-    try:
-        from pyoma2.algorithms import SSI
-        from pyoma2.functions.gen import example_data
-        from pyoma2.setup import SingleSetup
-    except ImportError as error:
-        raise ImportError(
-            f"pyOMA2 does not import ({error}). If it is not installed: "
-            'pip install "emcee_femu[oma]" (on PyPI it is pyOMA_2, not PyOMA)'
-        ) from error
+    from pyoma2.algorithms import SSI  # on PyPI it is pyOMA_2, not PyOMA
+    from pyoma2.functions.gen import example_data
+    from pyoma2.setup import SingleSetup
+
     logging.getLogger("pyoma2").setLevel(logging.WARNING)  # tells every step
     return SSI, SingleSetup, example_data
 

@@ -19,10 +19,8 @@ names = [f"k{i}" for i in range(1, 11)]
 tower = {name: (i, i + 1, 100.0) for i, name in enumerate(names)}
 model = ef.MassSpringModel(np.ones(10), tower, shapes=range(1, 10, 2))
 test = model({"k4": np.array([70.0])})
-terms = [
-    ef.FrequencyTerm(test.frequencies[0, :5], relative_sd=0.01),
-    ef.ShapeTerm(test.shapes[0, :, :5], delta=0.03),
-]
+terms = [ef.FrequencyTerm(test.frequencies[0, :5], relative_sd=0.01)]
+terms += [ef.ShapeTerm(test.shapes[0, :, :5], delta=0.03)]
 prior = ef.GaussianPrior(names, np.full(10, 100.0), 25.0, [(10.0, 300.0)] * 10)
 posterior = ef.LogPosterior(model, terms, prior)
 

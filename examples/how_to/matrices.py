@@ -75,9 +75,8 @@ test = ef.Measurements(
 )
 exports = {2.0: folder / "K2.mtx", 3.0: folder / "K3.mtx"}
 changed = {b: ef.read_matrices({"K": K, "dofs": rows}) for b, K in exports.items()}
-model = ef.MatrixModel.from_differences(
-    base, {"columns": changed}, n_modes=3, shapes=base.sensors(test.dofs)
-)
+options = {"n_modes": 3, "shapes": base.sensors(test.dofs)}
+model = ef.MatrixModel.from_differences(base, {"columns": changed}, **options)
 paired = ef.PairedModel(model, test, candidates=3)
 paired({"columns": [0.6, 1.0]}).frequencies.round(3)  # two parameter sets
 

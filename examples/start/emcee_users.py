@@ -95,7 +95,7 @@ at_ten = idata["response"]["blob0"]
 print(f"the line at x = 10: {float(at_ten.mean()):.2f} +- {float(at_ten.std()):.2f}")
 
 # %% [markdown]
-# {doc}`/how_to/with_arviz` has more. {py:func}`~emcee_femu.find_map` and
+# {doc}`/how_to/report` has more. {py:func}`~emcee_femu.find_map` and
 # {py:func}`~emcee_femu.anneal` work too. Only {py:func}`~emcee_femu.emulate` refuses: it
 # learns the response of a model, and a log-probability has none.
 #

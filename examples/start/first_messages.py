@@ -35,8 +35,7 @@ posterior = ef.LogPosterior(model, term, prior)
 # %% [markdown]
 # ## A missing extra
 #
-# The core needs five packages. Readers of measured FRFs, progress bars and FE programs
-# are *extras*, which `pip` installs by name. Without `pyuff`:
+# Readers of measured FRFs, progress bars and FE programs are *extras*. Without `pyuff`:
 
 # %%
 sys.modules["pyuff"] = None  # as if it were not installed

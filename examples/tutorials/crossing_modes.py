@@ -148,9 +148,8 @@ for gap in (0.0, 0.02):
 # that the model does not have. With the subspace MAC both are gone:
 
 # %%
-priors = dict.fromkeys(K, stats.lognorm(0.15)) | {
-    "shape error": stats.halfnorm(scale=0.3)
-}
+priors = dict.fromkeys(K, stats.lognorm(0.15))
+priors["shape error"] = stats.halfnorm(scale=0.3)
 terms = [ef.FrequencyTerm(mixed), ef.ShapeTerm(mixed, discrepancy="shape error")]
 posterior = ef.LogPosterior(models[0.02], terms, ef.IndependentPrior(priors))
 plane = ef.to_inference_data(ef.run(posterior, seed=1))

@@ -130,8 +130,7 @@ ef.parameter_table(certificate.idata)
 # %% [markdown]
 # ## When it is refused
 #
-# **More
-# solves from the same file**: no solve is lost. The same call with more solves and
+# **More solves from the same file**: no solve is lost. The same call with more solves and
 # `resume=True` continues, and the result is exactly that of one call, also after a crash.
 # Some solves are repeated each time, to check that the model is still the same:
 

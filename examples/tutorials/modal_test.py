@@ -69,10 +69,8 @@ def frame(light, heavy):  # density of beams with floors, at either side
     sides = ["x light", "y", "x heavy", "y"] * 2
     ends = [5, 6, 7, 4, 9, 10, 11, 8]
     beams = [(i + 4, ends[i], sides[i]) for i in range(8)]
-    supports = dict.fromkeys(range(4), "all")
-    return ef.FrameModel(
-        nodes, columns + beams, sections, supports, n_modes=12, shapes=True
-    )
+    bars, supports = columns + beams, dict.fromkeys(range(4), "all")
+    return ef.FrameModel(nodes, bars, sections, supports, n_modes=12, shapes=True)
 
 
 model = frame(4e-5, 4e-5)

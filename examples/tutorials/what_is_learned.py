@@ -39,10 +39,8 @@ nominal = {name: np.ones(1) for name in names}
 # %%
 def planned(n_modes, floors=()):
     """Posterior of a test that finds what the model predicts."""
-    dofs = [floor - 1 for floor in floors]
-    model = ef.MatrixModel(
-        np.zeros((N, N)), FLOORS, STOREYS, n_modes=n_modes, shapes=dofs or False
-    )
+    options = {"n_modes": n_modes, "shapes": [floor - 1 for floor in floors] or False}
+    model = ef.MatrixModel(np.zeros((N, N)), FLOORS, STOREYS, **options)
     predicted = model(nominal)
     terms = [ef.FrequencyTerm(predicted.frequencies[0], relative_sd=0.01)]
     if floors:
@@ -105,11 +103,9 @@ plan = planned(2, (1, 2, 3, 4, 5))
 model = plan.experiments[0].model
 modes = model({name: np.array([x]) for name, x in truth.items()})
 rng = np.random.default_rng(1)
+hertz = modes.frequencies[0] * (1 + 0.01 * rng.normal(size=2))
 unit = modes.shapes[0] / np.linalg.norm(modes.shapes[0], axis=0)
-test = ef.Measurements(
-    modes.frequencies[0] * (1 + 0.01 * rng.normal(size=2)),
-    shapes=unit + 0.03 * rng.normal(size=unit.shape),
-)
+test = ef.Measurements(hertz, shapes=unit + 0.03 * rng.normal(size=unit.shape))
 terms = [ef.FrequencyTerm(test, relative_sd=0.01), ef.ShapeTerm(test, delta=0.03)]
 posterior = ef.LogPosterior(model, terms, prior)
 run = ef.run(posterior, seed=1)
