@@ -100,9 +100,8 @@ def gaussians(weights: Any, means: Any, factors: Any, box: Floats) -> Target:
 def pair(d: int, mean: Any, weight: float, width: float, limits: Floats) -> Target:
     """Return a unit Gaussian at 0 and a narrower, lighter one."""
     means = [np.zeros(d), np.broadcast_to(mean, d)]
-    return gaussians(
-        [1 - weight, weight], means, [np.eye(d), width * np.eye(d)], limits
-    )
+    factors = [np.eye(d), width * np.eye(d)]
+    return gaussians([1 - weight, weight], means, factors, limits)
 
 
 def needle(d: int, apart: float, weight: float, width: float) -> Target:

@@ -164,9 +164,8 @@ show("statics", statics, stats.norm.logpdf(u, u_m, 0.1))
 # all lines share.
 #
 # The likelihood of complex FRFs is sharp where the resonances meet, and away from there
-# it may rise in the wrong direction. The logarithms of amplitudes lead there from
-# everywhere, but determine the stiffness less well. So search by amplitudes, and sample
-# with complex FRFs if phases are good.
+# it may rise in the wrong direction. So search by amplitudes, which lead there from
+# everywhere, and sample with complex FRFs if phases are good.
 
 # %%
 lines = np.linspace(0.5, 1.8, 131)
@@ -183,10 +182,9 @@ show("FRF", by_frf, stats.norm.logpdf([r.real, r.imag], scale=s))
 # %% [markdown]
 # ## Several terms
 #
-# The log-likelihoods of several terms add, as those of independent measurements do. A
-# test of many FRF lines or sensors then outweighs five frequencies by its sheer number.
-# That is right if all its errors are independent, and wrong if they share what the
-# model cannot represent. A discrepancy for each term is the remedy.
+# The log-likelihoods of several terms add. A test of many FRF lines or sensors then
+# outweighs five frequencies by its sheer number, which is wrong if their errors share
+# what the model cannot represent. A discrepancy for each term is the remedy.
 #
 # Sources: the paper's Eq. 2.2; Vanik, Beck and Au (2000),
 # [doi:10.1061/(ASCE)0733-9399(2000)126:7(738)](https://doi.org/10.1061/(ASCE)0733-9399(2000)126:7(738));

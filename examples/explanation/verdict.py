@@ -150,8 +150,8 @@ points = good.modes.searched
 print(f"{points} points: a region of {3 / points:.1e} may be missed")
 
 # %% [markdown]
-# Longer runs by `steps=` search more. Other remedies are other seeds, your own starts
-# (`starts=`, which are searched too), and [tempering](../how_to/tempering.py).
+# Remedies are a longer run by `steps=`, other seeds, your own starts (`starts=`, which are
+# searched too), and [tempering](../how_to/tempering.py).
 #
 # ## Fit: the right posterior of a wrong model
 #

@@ -4,9 +4,8 @@
 # Any program that is started from a command line can be a model: write its input file,
 # start it, read its output. `emulate` then learns the outputs from some tens of solves,
 # and `certify` checks the posterior against full ones. Some parameter sets cannot be
-# solved: by default that stops a run, with nothing lost; with `on_failure="reject"` it
-# continues and counts failures. `python examples/how_to/black_box.py` runs this page (6
-# s of processor time).
+# solved: that stops a run, with nothing lost, or is rejected and counted. `python
+# examples/how_to/black_box.py` runs this page (6 s of processor time).
 #
 # ## The program
 #
@@ -144,8 +143,8 @@ certificate
 # - **Scratch folders.** Put them on a local disk that is large enough for all workers.
 #   When a run stops, workers end in the middle of a solve and leave their folders: use a
 #   `tempfile.TemporaryDirectory()` around the run.
-# - **Workers.** `workers=4` solves four parameter sets at a time, in four copies of the
-#   program with one thread each (`OMP_NUM_THREADS=1`) and four licences.
+# - **Workers.** `workers=4` needs four copies of the program, with one thread each
+#   (`OMP_NUM_THREADS=1`), and four licences.
 
 # %% tags=["remove-cell"]
 assert 0 < log.causes["exception"] < 0.2 * log.evaluations

@@ -83,13 +83,12 @@ ef.frf.plot_frf(idata, posterior)
 # Most information is in the lines at the resonances: their place determines the
 # stiffness and their width the damping.
 #
-# FRFs are large, so they are not stored with each sample; the natural frequencies and
-# damping ratios of the modes are. `stored=True` stores all.
+# FRFs are large, so they are not stored with each sample, but natural frequencies and
+# damping ratios are. `stored=True` stores all.
 #
 # **Limits.** Damping is modal, with real shapes: nonproportional damping needs complex
-# modes, which the package does not have. Coherence does not show leakage, where a window
-# cuts the decay, nor errors that all lines share ({doc}`/explanation/likelihoods`): use
-# `discrepancy`.
+# modes, which the package does not have. Coherence does not show leakage, nor errors that
+# all lines share ({doc}`/explanation/likelihoods`): use `discrepancy`.
 
 # %% tags=["remove-cell"]
 assert ef.diagnose(run).converged

@@ -59,8 +59,7 @@ for jump in (0.0, 0.1):
     print(f"mode_jump={jump}: {crossings[jump]} times in {stiff.size} steps")
 
 # %% [markdown]
-# Between crossings an ensemble keeps the shares that its starts happened to have. The
-# verdict of {py:func}`~emcee_femu.diagnose` says whether there were enough.
+# Between crossings an ensemble keeps the shares that its starts happened to have.
 #
 # ## Modes that a search may miss: `TemperedMove`
 #
@@ -115,8 +114,7 @@ ef.parameter_table(ef.to_inference_data(population, posterior))
 
 # %% tags=["remove-cell"]
 cold = idata.posterior["ground"].values
-assert len(found.maxima) == 2
-assert crossings[0.1] > 5 * crossings[0.0] and crossings[0.1] > 50
+assert len(found.maxima) == 2 and crossings[0.1] > max(50, 5 * crossings[0.0])
 exact = np.mean(shares(auto, 0))
 assert abs((cold > 120).mean() - exact) < 0.12
 gap = abs(bridged.log_evidence - evidence.log_evidence)

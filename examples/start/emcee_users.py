@@ -81,9 +81,8 @@ comparison = ef.compare_moves(posterior, moves, 12, 250, discard=50, seed=1)
 comparison
 
 # %% [markdown]
-# "ESS per 1000" is the number of effective samples per 1,000 evaluations; "end to end"
-# counts the search and the burn-in too. A move that is "too short" has not had 50
-# autocorrelation times, so that its numbers are rough: {doc}`/tutorials/comparing_moves`.
+# {doc}`/tutorials/comparing_moves` explains the columns. The numbers of a move that is "too
+# short" are rough.
 #
 # ## ArviZ
 #
@@ -118,8 +117,7 @@ plain = ef.diagnose(samplers, discard=300)
 plain
 
 # %% [markdown]
-# With names they are converted and tabulated; prior, data and model are unknown, so
-# comparisons with these are left out.
+# With names they are converted and tabulated, without comparisons with prior and data:
 
 # %%
 converted = ef.to_inference_data(samplers, discard=300, names=[*box])

@@ -140,8 +140,7 @@ except ValueError as error:
 # ## Until it is enough
 #
 # Without `steps` a run ends when its chains have converged, or after `solves=200_000`.
-# If a job may take only so long, give it fewer `solves`. The next job of the queue is the
-# same script with more of them:
+# Give a short job fewer `solves`; the next job is the same script with more of them:
 
 # %%
 file = home / "pieces.chain"

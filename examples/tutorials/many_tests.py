@@ -140,11 +140,9 @@ pooled.population
 #
 # The likelihood of a population is a product over the tests. Each factor is the average
 # of normal density / prior density over the draws of that test's posterior. Its error
-# falls with the number of draws, and grows with the number of pooled parameters: an ESS
-# of a few hundred per test at least; `draws=4_000` uses more of them. `pytest -m slow
-# tests/population/test_truth.py` compares it with quadrature.
-#
-# The conclusion names every test that hardly reaches to where the population puts it.
+# grows with the number of pooled parameters: an ESS of a few hundred per test at least;
+# `draws=4_000` uses more of them. `pytest -m slow tests/population/test_truth.py` compares
+# it with quadrature.
 
 # %% tags=["remove-cell"]
 truth = {"mean frame": frame.mean(), "mean soil": 1.0}

@@ -12,9 +12,8 @@
 #
 # An aluminium body of 1.5 m, wings of 2 m span with a drum at either tip, a fin and a
 # tailplane, hung from bungees. {download}`garteur.py <../../examples/garteur.py>` builds
-# it from 27 nodes: bars with rigid offsets (the wing is 96 mm above the axis of the
-# body), point masses, and no supports. Its first lines name the source of each
-# dimension. This is all that {py:class}`~emcee_femu.FrameModel` needs of it:
+# it from 27 nodes: bars with rigid offsets, point masses, and no supports. Its first lines
+# name the source of each dimension:
 #
 # ```{literalinclude} ../../examples/garteur.py
 # :pyobject: garteur

@@ -123,9 +123,8 @@ after
 # storey is found: its whole 95 % interval lies below 0.9.
 #
 # A parameter with an sd ratio near 1 would be as uncertain as before: its posterior is
-# the prior, and a narrower prior makes the answer narrower, not better. Such a prior is
-# no mistake, as it keeps the other parameters from drifting. But report it beside the
-# result, and never call such a parameter updated.
+# the prior, and a narrower prior makes the answer narrower, not better. Report such a
+# prior beside the result, and never call such a parameter updated.
 #
 # ## Stiffness and mass: only their ratio
 #
