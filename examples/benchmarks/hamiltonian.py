@@ -1,15 +1,10 @@
 """Hamiltonian moves beside DE-MC on shear buildings of 20, 30 and 50 storeys.
 
-The storey stiffnesses are unknown, with a Gaussian prior of 20 % about their nominal
-values. Twelve natural frequencies (errors of 0.5 %) and the mode shapes at every
-second floor (errors of 2 % of a shape's length) were measured on a building drawn
-from that prior; there are several buildings. The Gaussian at the maximum of the
-posterior (``find_map``) gives the metric, ``tuned`` chooses the steps, then both are
-frozen. All moves start from draws of that Gaussian and drop a fifth as burn-in.
-
-The effective sample size is the bulk ESS of the worst parameter. A gradient counts as
-one solve, and every solve after the burn-in counts, out of bounds or not. Pareto k is
-that of the Gaussian's weights.
+The storey stiffnesses are unknown. Twelve natural frequencies and the mode shapes at
+every second floor were measured on a building drawn from the prior. The Gaussian at the
+maximum of the posterior (``find_map``) gives the metric, ``tuned`` chooses the steps,
+then both are frozen. All moves start from draws of that Gaussian and drop a fifth as
+burn-in. A gradient counts as one solve. Pareto k is that of the Gaussian's weights.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/hamiltonian.py
 """

@@ -2,12 +2,8 @@
 
 The targets are those of ``hard_posteriors.py``; up to a million exact draws of each
 give its means, standard deviations and the weights of its modes. Each run of "auto"
-ends by its own verdict.
-
-A run is wrong if a mean is off by more than 0.15 sd and three of its standard errors, a
-standard deviation by more than 12 % and two of its claimed errors, or the weight of a
-mode by more than 0.05. The bar: at most 2 % of the runs that are called converged.
-A mode that a search missed counts as a wrong weight.
+ends by its own verdict. docs/explanation/calibration.md says which runs are wrong. The
+bar: at most 2 % of the runs that are called converged.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/hard_targets.py --seeds 20
 with --targets for a name or a part of names.

@@ -1,10 +1,9 @@
 # %% [markdown]
 # # DE-MC, and why not all walkers may move at once
 #
-# This page explains what the paper's sampler does, where its factor $2.38 / \sqrt{2d}$
-# comes from, and what the small noise is for. It also shows why half of the walkers
-# stand still while the others move: a program that moves all of them at once gives
-# wrong variances. `python examples/explanation/de_mc.py` runs the page (6 s).
+# What the paper's sampler does, where its factor $2.38 / \sqrt{2d}$ comes from, and why half
+# of the walkers stand still while the others move: a program that moves all of them at
+# once gives wrong variances. `python examples/explanation/de_mc.py` runs the page (6 s).
 #
 # ## The proposal
 #
@@ -75,10 +74,9 @@ figure
 # there. So Metropolis' rule preserves the joint density (detailed balance), exactly and
 # for any $N$. It is not an approximation for many walkers.
 #
-# The paper moves one walker after the other, in step 4 of its algorithm. Such a loop is
-# slow, and its FE solves cannot run in parallel. It is tempting to compute all $N$
-# proposals from the present generation and to accept each by itself, and some programs
-# do. But then $\theta_a$ and $\theta_b$ move in the same step as $\theta_i$: to come
+# The paper moves one walker after the other, so its FE solves cannot run in parallel. It is
+# tempting to compute all $N$ proposals from the present generation and to accept each by
+# itself, and some programs do. But then $\theta_a$ and $\theta_b$ move in the same step as $\theta_i$: to come
 # back, walker $i$ would need the difference of their *new* places. The way back is not
 # proposed as often, and the joint density is not preserved.
 #

@@ -188,8 +188,7 @@ ef.figures.plot_scatter(sharp)
 #   has not spread reports the smallest ([comparing
 #   moves](../tutorials/comparing_moves.py) shows it).
 # - The text of section 5 calls the measured frequencies of Table 5.2 the initial ones;
-#   the errors agree with the table. Equation 2.2 divides by the measured frequency, as
-#   its text does not say; the errors of the tables do.
+#   the errors agree with the table.
 #
 # If all other parameters were known exactly, the remaining standard deviation of one
 # would be $F_{jj}^{-1/2}$, where $F$ is the information of data and prior. If the

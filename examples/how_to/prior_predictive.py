@@ -59,8 +59,8 @@ shares = {name: share_farther(drawn) for name, drawn in both.items()}
 # %% mystnb={"image": {"alt": "Ratio of the second to the first frequency against the first: with one factor the predictions lie on a level line below the measured ratio, with a factor for each storey in a cloud around it"}}
 figure, panels = plt.subplots(1, 2, figsize=(8, 3.6), sharex=True, sharey=True)
 for axes, (name, drawn) in zip(panels, both.items(), strict=True):
-    for (one, two, _), style in (drawn.T, "C0."), (measured, "C3P"):
-        axes.plot(one, np.divide(two, one), style, alpha=0.6)
+    axes.plot(drawn[:, 0], drawn[:, 1] / drawn[:, 0], ".", alpha=0.5)
+    axes.plot(measured[0], measured[1] / measured[0], "C3P", ms=12, mec="white")
     axes.set_title(f"{name}:\n{100 * shares[name]:.0f} % of draws are more unusual")
     axes.set_xlabel("frequency 1 (Hz); predicted blue, measured red")
 panels[0].set_ylabel("frequency 2 / frequency 1")

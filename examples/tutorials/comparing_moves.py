@@ -62,9 +62,8 @@ compared = ef.compare_moves(posterior, moves, 20, steps=400, seed=2)
 compared
 
 # %% [markdown]
-# All moves start from the same draws of the prior, in four independent ensembles. Runs
-# this short suit a page: no random walk is long enough to be judged, as the verdicts
-# say. To decide between those, use five times as many steps.
+# All moves start from the same draws of the prior, in four independent ensembles. No random
+# walk is long enough to be judged here: use five times as many steps.
 #
 # ## Reading the table
 #
@@ -124,8 +123,7 @@ print(f"converged:        {exact:.1f}")
 # it, the worst move would have won.
 #
 # `max_evaluations=100_000` in place of `steps` gives every move the same number of
-# evaluations. [Moves measured](../explanation/moves_measured.md) has long runs, and other
-# packages; [Choose a move](../how_to/choose_a_move.md) has the short answer.
+# evaluations. [Moves measured](../explanation/moves_measured.md) has long runs.
 
 # %% tags=["remove-cell"]
 table = compared.table.to_frame().set_index("move")

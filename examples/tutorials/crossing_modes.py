@@ -159,9 +159,8 @@ ef.parameter_table(plane)
 ef.pairing_table(plane)
 
 # %% [markdown]
-# The two modes still change places in many samples. This is no fault: within their
-# plane the order has no meaning, and the angle depends on asymmetries that no model has
-# right.
+# The two modes still change places in many samples: within their plane the order has no
+# meaning.
 #
 # If no shapes were measured, `PairedModel(model, frequencies, reference={...})` follows the
 # model's own ({doc}`real_aircraft`), if test and model have the same order there. The

@@ -144,11 +144,10 @@ print(f"lost: {loss:.2f}; ln 10 = {np.log(10):.2f}")
 
 # %% [markdown]
 # So a prior made wide "to be on the safe side" counts against its class, by ln 10 for
-# each unnecessary factor of ten, and for each parameter. An improper prior has no
-# evidence at all. Use priors that state what you believed before the test, in all
-# classes alike, and check how much the conclusion changes with them. The evidence depends
-# on the error model as well: if errors are too small, every class fails, and the most
-# flexible one fails least.
+# each unnecessary factor of ten, and for each parameter. Use priors that state what you
+# believed before the test, in all classes alike, and check how much the conclusion changes
+# with them. The evidence depends on the error model as well: if errors are too small,
+# every class fails, and the most flexible one fails least.
 #
 # {py:func}`~emcee_femu.log_evidence` takes runs of `"auto"`, by one bridge from the frozen
 # proposal to the chain, tempered runs, and annealed populations: [several

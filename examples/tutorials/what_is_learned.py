@@ -172,9 +172,8 @@ print("and with the known mass:", separated.sd_ratio.round(2))
 #
 # The bookshelf of Los Alamos (LA-14393, doi:10.2172/961604) has three storeys on a base
 # that slides on rails. As nothing holds it, `skip=1` leaves out a rigid-body mode. Masses
-# by name are parameters, as springs are. Its frequencies and shapes are those of a
-# **published updated model**, not measured ones (Dessena et al. 2024,
-# doi:10.1016/j.cma.2023.116511); `theirs` are its masses and stiffnesses.
+# by name are parameters, as springs are. The data are those of a **published updated
+# model** (Dessena et al. 2024, doi:10.1016/j.cma.2023.116511), whose values are `theirs`.
 
 # %%
 masses = {"base": 6.422, "floor 1": 6.565, "floor 2": 6.565, "floor 3": 6.675}  # kg
