@@ -35,10 +35,9 @@ def shear_building(
     n = len(names)
     drift = np.eye(n) - np.eye(n, k=-1)
     units = [STIFFNESS / nominal * np.outer(b, b) for b in drift]
-    model = ef.MatrixModel(
-        np.zeros((n, n)), mass * np.eye(n), dict(zip(names, units, strict=True)),
-        n_modes=n_modes, shapes=list(floors) or False,
-    )  # fmt: skip
+    K = dict(zip(names, units, strict=True))
+    options = {"n_modes": n_modes, "shapes": list(floors) or False}
+    model = ef.MatrixModel(np.zeros((n, n)), mass * np.eye(n), K, **options)
     mean = np.full(n, nominal)
     return model, ef.GaussianPrior(names, mean, SPREAD * mean, np.outer(mean, BOUNDS))
 
@@ -94,10 +93,8 @@ def run(steps: int, seed: int) -> tuple[object, ...]:
     return seed, found.solves, ess, efficiency, said, inside, seconds
 
 
-COLUMNS = {
-    "seed": "", "solves": ",d", "ESS": ",.0f", "ESS/1000": ".1f", "chains": "",
-    "truths inside": "", "s": ".0f",
-}  # fmt: skip
+COLUMNS = {"seed": "", "solves": ",d", "ESS": ",.0f", "ESS/1000": ".1f"}
+COLUMNS |= {"chains": "", "truths inside": "", "s": ".0f"}
 
 
 def main(seeds: int = 10, steps: int = 250) -> Table:

@@ -28,10 +28,8 @@ JOBS = 40_000  # simulated, for every number of the tables
 SIZES = 1, 2, 8, 32, 128, 512, 1_000  # workers
 PER_WORKER = 2, 4, 8, 16  # walkers
 SIMULATED = {"workers": "d"} | {f"{k} walkers per worker": ".0f" for k in PER_WORKER}
-MEASURED = {
-    "workers": "d", "one after another s": ".2f", "together s": ".2f", "ratio": ".2f",
-    "efficiency %": ".0f",
-}  # fmt: skip
+MEASURED = {"workers": "d", "one after another s": ".2f", "together s": ".2f"}
+MEASURED |= {"ratio": ".2f", "efficiency %": ".0f"}
 
 
 def makespan(times: np.ndarray, workers: int, dispatch: float = 0.0) -> float:

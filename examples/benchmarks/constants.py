@@ -108,10 +108,9 @@ def main(seeds: int = 2, only: tuple[str, ...] = tuple(NAMES)) -> Table:
     today = [run(*case) for case in cases]
 
     def run_all(owner: str) -> list[Run | None]:
-        return [
-            run(*case) if case[0] != "bent ridge" or owner in ON_RIDGE else before
-            for case, before in zip(cases, today, strict=True)
-        ]
+        again = [t != "bent ridge" or owner in ON_RIDGE for t, _ in cases]
+        known = zip(cases, again, today, strict=True)
+        return [run(*case) if anew else old for case, anew, old in known]
 
     def sum_up(runs: list[Run | None]) -> tuple[object, ...]:
         pairs = [(r, t) for r, t in zip(runs, today, strict=True) if r and t]

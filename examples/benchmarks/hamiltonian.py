@@ -58,10 +58,8 @@ def compare(d: int, building: int, solves: int) -> tuple[object, ...]:
     return d, building, laplace.pareto_k, f"{hmc.steps} x {hmc.step_size:.2f}", *ess
 
 
-COLUMNS = {
-    "storeys": "d", "building": "d", "Pareto k": ".2f", "steps": "", "HMC": ".1f",
-    "DE-MC": ".1f",
-}  # fmt: skip
+COLUMNS = {"storeys": "d", "building": "d", "Pareto k": ".2f", "steps": ""}
+COLUMNS |= {"HMC": ".1f", "DE-MC": ".1f"}
 
 
 def main(

@@ -106,7 +106,7 @@ from_uff
 # ## From pyOMA2
 #
 # `Measurements.from_pyoma2(algorithm.result)`: {doc}`ambient_vibration`. Frequency
-# response functions come from data sets 58, see {doc}`frf`.
+# response functions come from data sets 58: {doc}`frf`.
 #
 # ## From repeated tests
 #
@@ -135,9 +135,8 @@ sd = np.sqrt(np.diag(scattered.covariance))
 # the number of tests. Errors that all tests share, from mounting, temperature or the
 # model, do not average out, and a posterior that shrinks as $1/\sqrt{N}$ would be
 # overconfident. If your tests are truly independent and of the same state, divide
-# yourself: `ef.Measurements(test.frequencies, covariance=test.covariance / 6)`. If each
-# test deserves its own posterior, because the structure changes, see [many
-# tests](../tutorials/many_tests.py).
+# yourself: `ef.Measurements(test.frequencies, covariance=test.covariance / 6)`. If the
+# structure changes, each test has its own posterior: {doc}`/tutorials/many_tests`.
 #
 # A full covariance needs more tests than modes. With fewer, `correlated=False` gives one
 # standard deviation per mode, for which two tests are enough. If a test missed a mode,

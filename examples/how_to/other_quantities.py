@@ -133,9 +133,8 @@ print(f"largest difference {np.abs(differences - gradient).max():.0e}")
 #   fixed, because it changes in steps.
 #
 # Where modes coincide, sorted frequencies have a kink: a `ValueError` names the modes and
-# the parameter that separates them. In a building that is the same in both directions, no
-# parameter does. Frequencies then have derivatives, and those of the shapes are without a
-# rotation within the space that the two modes span.
+# the parameter that separates them. If no parameter does, frequencies have derivatives,
+# and those of the shapes are without a rotation within the space that both modes span.
 
 # %% tags=["remove-cell"]
 EI = np.concatenate([sampler.get_chain(flat=True) for sampler in run])

@@ -61,8 +61,7 @@ ef.report(run, path, title=title, text=text, derived=derived).name
 
 # %% [markdown]
 # This is the file. The first page has the question, the result and how far it can be
-# trusted; how it was done is at the end. Its pictures are inside, so you can send it as
-# it is. A browser prints it on A4, and shows it dark in dark mode.
+# trusted; how it was done is at the end. Its pictures are inside, so you can send it.
 
 # %%
 import html
@@ -77,8 +76,7 @@ style = "width: 100%; height: 40rem; border: 1px solid #888"
 Page(f'<div><iframe title="The report" srcdoc="{page}" style="{style}"></iframe></div>')
 
 # %% [markdown]
-# The file ends with the call that writes it again. For saved samples, as by
-# `idata.to_netcdf`, write `ef.report(idata, "mast.html", posterior=posterior)`: the
+# For saved samples write `ef.report(idata, "mast.html", posterior=posterior)`: the
 # likelihood in words and the mode shapes need the model. To a model without a geometry
 # give one before pairing, `model.geometry = ef.Geometry(...)`. Results of
 # {py:func}`~emcee_femu.certify` and {py:func}`~emcee_femu.pool_tests` have reports, too.

@@ -74,8 +74,7 @@ ef.figures.plot_predictive(idata, posterior)
 # of the result is ready to run. Parts of an experiment carry its name: the term
 # `modal.frequency`, the argument `experiment="modal"` of tables and figures.
 #
-# A model error can be inferred for a static test as for a modal one:
-# `ef.DisplacementTerm(..., discrepancy="name")`, with a prior for that parameter.
+# `ef.DisplacementTerm(..., discrepancy="name")` infers a model error.
 
 # %% tags=["remove-cell"]
 assert "is known well, not k and m by themselves" in str(one)

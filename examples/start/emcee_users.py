@@ -2,9 +2,8 @@
 # # I have a log-probability
 #
 # You use emcee, and have a function of an array; there need be no FE model. With names
-# and bounds it becomes a posterior, and a search for all modes, the evidence, a
-# comparison of moves and a verdict work as for any other.
-# `python examples/start/emcee_users.py` runs this page.
+# and bounds it becomes a posterior, with a search for all modes, the evidence, and a
+# verdict. `python examples/start/emcee_users.py` runs this page.
 #
 # ## The function
 #

@@ -5,9 +5,8 @@
 # derivatives. This page learns its response from some twenty solves, samples what was
 # learned, and spends sixty more solves to check the result. It also shows what to do if
 # the check fails. `python examples/tutorials/hundred_solves.py` runs this page (28 s of
-# processor time). Structure and data are simulated.
-#
-# {doc}`/start/choose` says when this is the way to go, by what a solve costs.
+# processor time). Structure and data are simulated; {doc}`/start/choose` says
+# when this is the way to go.
 #
 # ## The program
 #
@@ -88,9 +87,8 @@ emulated
 #   rounds below `tolerance` (0.1).
 #
 # The likelihood includes the emulator's own variance, so with few solves the posterior
-# is broad, not wrong. A mode that no emulator suspects stays unseen;
-# {doc}`/explanation/few_solves_measured` says how it is looked for, and how often all
-# this was right.
+# is broad, not wrong. {doc}`/explanation/few_solves_measured` says how often all this was
+# right.
 #
 # ## Run
 #

@@ -91,8 +91,8 @@ print(f"{small.full_solves} full solves")
 #
 # ## Sample it
 #
-# Five frequencies were measured, here simulated with errors of 0.5 %. The prior must stay
-# within the bounds of the reduction.
+# Five frequencies were measured, with errors of 0.5 %. The prior must stay within the
+# bounds of the reduction.
 
 # %%
 truth = {"lower": 0.82, "middle": 1.05, "upper": 0.93}
@@ -169,8 +169,7 @@ print(f"{move.proposed} proposals", end=", ")
 print(f"{move.full_solves} solved in full, {move.accepted} of these accepted")
 
 # %% [markdown]
-# (Twenty steps of the chain only show how it is used.) If the cheap posterior is much
-# narrower than the full one, walkers wait long in its tails: improve the cheap model.
+# If the cheap posterior is much narrower than the full one, walkers wait long in its tails.
 
 # %% tags=["remove-cell"]
 assert small.max_error <= 1e-4 and small.size < 40 and small.full_solves <= 100
