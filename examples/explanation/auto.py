@@ -110,8 +110,8 @@ print("their standard errors:", np.round(search.errors, 3))
 ef.diagnose(run)
 
 # %% [markdown]
-# A mode that no point of the search hit is not in the proposal. The chain holds no part of
-# the search, so that nothing needs to be discarded:
+# A mode that no point of the search hit is not in the proposal. The chain holds no part
+# of the search, so that nothing needs to be discarded:
 
 # %%
 chain = run[0].get_chain().shape
@@ -154,8 +154,8 @@ idata = ef.to_inference_data(run)  # no discard
 # | `proposals.HELD_BY_TERMS` | 0.08 | 1.04 | 10 | 0 | 1.01 | 10 | 0 |
 # | `proposals.RELEVANT` | 8 | 0.97 | 10 | 0 | 1.04 | 10 | 0 |
 #
-# Of the other 107 numbers, 41 change none of these runs; 66 change solves by 3 % at most,
-# and no verdict.
+# Of the other 107 numbers, 41 change none of these runs; 66 change solves by 3 % at
+# most, and no verdict.
 #
 # No number is on an edge. Of 252 changes, 248 leave all ten runs converged and right.
 # `FRUITLESS` halved or `UNTESTED` doubled makes the two equal: the search ends before

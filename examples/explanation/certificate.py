@@ -5,10 +5,10 @@
 # a stand-in for the model, what do its three verdicts mean, and what can it not see?
 # `python examples/explanation/certificate.py` runs the page (4 s) on made-up data.
 #
-# `certify` spends full solves on draws of the emulated posterior. At each draw the weight
-# is the ratio of true to emulated density. If all weights are equal, the emulated
-# posterior is the true one. If they differ, they correct it. If a few carry everything,
-# it is useless.
+# `certify` spends full solves on draws of the emulated posterior. At each draw the
+# weight is the ratio of true to emulated density. If all weights are equal, the
+# emulated posterior is the true one. If they differ, they correct it. If a few carry
+# everything, it is useless.
 #
 # ## Three stand-ins
 #

@@ -1,9 +1,9 @@
 # %% [markdown]
 # # DE-MC, and why not all walkers may move at once
 #
-# What the paper's sampler does, where its factor $2.38 / \sqrt{2d}$ comes from, and why half
-# of the walkers stand still while the others move: a program that moves all of them at
-# once gives wrong variances. `python examples/explanation/de_mc.py` runs the page (6 s).
+# What the paper's sampler does, where its factor $2.38 / \sqrt{2d}$ comes from, and why
+# half of the walkers stand still while the others move: to move all at once gives wrong
+# variances. `python examples/explanation/de_mc.py` runs the page (6 s).
 #
 # ## The proposal
 #
@@ -50,10 +50,10 @@ figure
 # 1997). The difference of two independent walkers has covariance $2 \Sigma$. Equating
 # $2 \gamma^2 \Sigma$ with the former gives $\gamma = 2.38 / \sqrt{2 d}$.
 #
-# With it, about a third of the proposals are accepted in few dimensions, about a quarter
-# in many. The rule is for one mode that is nearly Gaussian. Between modes a step must be as long
-# as the distance of two walkers in them: $\gamma = 1$, which `mode_jump=0.1` of
-# {py:class}`~emcee_femu.DEMCMove` uses for one walker in ten.
+# With it, about a third of the proposals are accepted in few dimensions, about a
+# quarter in many. The rule is for one mode that is nearly Gaussian. Between modes a
+# step must be as long as the distance of two walkers in them: $\gamma = 1$, which
+# `mode_jump=0.1` of {py:class}`~emcee_femu.DEMCMove` uses for one walker in ten.
 #
 # ## What the noise is for
 #
@@ -74,11 +74,11 @@ figure
 # there. So Metropolis' rule preserves the joint density (detailed balance), exactly and
 # for any $N$. It is not an approximation for many walkers.
 #
-# The paper moves one walker after the other, so its FE solves cannot run in parallel. It is
-# tempting to compute all $N$ proposals from the present generation and to accept each by
-# itself, and some programs do. But then $\theta_a$ and $\theta_b$ move in the same step as $\theta_i$: to come
-# back, walker $i$ would need the difference of their *new* places. The way back is not
-# proposed as often, and the joint density is not preserved.
+# The paper moves one walker after the other, so its FE solves cannot run in parallel.
+# It is tempting to compute all $N$ proposals from the present generation and to accept
+# each by itself, and some programs do. But then $\theta_a$ and $\theta_b$ move in the
+# same step as $\theta_i$: to come back, walker $i$ would need the difference of their
+# *new* places. The way back is not proposed as often: the joint density changes.
 #
 # `DEMCMove` splits the walkers into two halves and moves one half while the other, its
 # guides, stands still. So detailed balance holds, and a whole half is one batch of
@@ -86,8 +86,8 @@ figure
 #
 # ## Exact start: how wrong is it?
 #
-# Draw many ensembles from a Gaussian of variance 1 in three dimensions, and move them. A
-# correct move keeps the variance at 1. First the wrong move, on all ensembles at once:
+# Draw many ensembles from a Gaussian of variance 1 in three dimensions, and move them.
+# A correct move keeps the variance at 1. First the wrong move:
 
 
 # %%

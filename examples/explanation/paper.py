@@ -77,9 +77,9 @@ ef.frequency_table(idata, springs.posterior, printed.frequencies)
 #
 # - The published means differ from ours by less than a third of a posterior standard
 #   deviation.
-# - A lobe at k4 < 1980 N/m holds 2.8 % of the mass (by `ef.run(springs.posterior,
-#   nwalkers=40, steps=4_000, seed=1)`) and widens k4; a short chain misses it. Hence the
-#   published c.o.v. of k4.
+# - A lobe at k4 < 1980 N/m holds 2.8 % of the mass (by
+#   `ef.run(springs.posterior, nwalkers=40, steps=4_000, seed=1)`) and widens k4; a
+#   short chain misses it. Hence the published c.o.v. of k4.
 #
 # Figure 4.2, samples with the ellipses that hold 95 %; true values in blue:
 

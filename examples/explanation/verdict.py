@@ -5,8 +5,8 @@
 # why R-hat over walkers is not convergence, what to do about a complaint, and what no
 # diagnosis can see. `python examples/explanation/verdict.py` runs the page (10 s).
 #
-# `diagnose(run)` ends in three statements, on the chains, the search and the fit, each with
-# a status of its own. Chains of a wrong model converge too, so look at all three.
+# `diagnose(run)` ends in three statements, on the chains, the search and the fit, each
+# with a status of its own. Chains of a wrong model converge too, so look at all three.
 #
 # The example is a simulated two-storey frame with a soft lower or a soft upper storey,
 # which have the same two frequencies (Beck and Au 2002): two modes far apart.
@@ -150,8 +150,8 @@ points = good.modes.searched
 print(f"{points} points: a region of {3 / points:.1e} may be missed")
 
 # %% [markdown]
-# Remedies are a longer run by `steps=`, other seeds, your own starts (`starts=`, which are
-# searched too), and [tempering](../how_to/tempering.py).
+# Remedies are a longer run by `steps=`, other seeds, your own starts (`starts=`, which
+# are searched too), and [tempering](../how_to/tempering.py).
 #
 # ## Fit: the right posterior of a wrong model
 #
@@ -180,9 +180,9 @@ said = f"Warning: {caught[0].message}", f"Fit: {unfit.sentence}"
 print(*(fill(sentence, 80) for sentence in said), sep="\n\n")
 
 # %% [markdown]
-# The warning comes before any sampling ({doc}`/start/choose` says when). The statement on
-# the fit names one remedy: units, known standard deviations, or an inferred model error.
-# How often "converged" was right is on the page [How often is a converged run
+# The warning comes before any sampling ({doc}`/start/choose` says when). The statement
+# on the fit names one remedy: units, known standard deviations, or an inferred model
+# error. How often "converged" was right is on the page [How often is a converged run
 # right?](calibration.md).
 #
 # Sources: Beck and Au (2002),

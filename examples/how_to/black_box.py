@@ -101,9 +101,9 @@ print("the first one:", log.kept[0].message, dict(log.kept[0].parameters), sep="
 
 # %% [markdown]
 # **Rejecting says something about the parameters.** It removes a part of the prior, for
-# an evidence too. If the posterior leans against that part, the result is that of another
-# prior. So `max_failures` stops a run if more than that share of the evaluations, of at
-# least 100, has failed.
+# an evidence too. If the posterior leans against that part, the result is that of
+# another prior. So `max_failures` stops a run if more than that share of the
+# evaluations, of at least 100, has failed.
 #
 # ## Emulate, run, certify
 
@@ -131,10 +131,10 @@ certificate
 #   the run does what `on_failure` says. `subprocess.TimeoutExpired` and `TimeoutError`
 #   are counted apart from other exceptions.
 # - A full disk, a missing program, or no licence after `patience` seconds is
-#   `Unavailable`. It is a `BaseException`, so that it stops the run in any case: if points
-#   are missing because a licence server was down, the posterior is wrong. All solves are
-#   in the file `backend=`. When the server is back, the same call checks that the model is
-#   the same, and continues ({doc}`/tutorials/long_runs`).
+#   `Unavailable`. It is a `BaseException`, so that it stops the run in any case: if
+#   points are missing because a licence server was down, the posterior is wrong. All
+#   solves are in the file `backend=`. When the server is back, the same call checks
+#   that the model is the same, and continues ({doc}`/tutorials/long_runs`).
 #
 # For your own program:
 #

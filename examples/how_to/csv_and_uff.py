@@ -110,8 +110,8 @@ from_uff
 #
 # ## From repeated tests
 #
-# Six tests of a frame on six days; the frequencies of a day rise and fall together, since
-# temperature changes all of them.
+# Six tests of a frame on six days; the frequencies of a day rise and fall together,
+# since temperature changes all of them.
 
 # %%
 frequencies = [  # Hz, one row per test, one column per mode
@@ -131,20 +131,20 @@ sd = np.sqrt(np.diag(scattered.covariance))
 (scattered.covariance / np.outer(sd, sd)).round(2)  # correlation of the two modes
 
 # %% [markdown]
-# The frequencies are the means, and the covariance is that *of one test*, not divided by
-# the number of tests. Errors that all tests share, from mounting, temperature or the
+# The frequencies are the means, and the covariance is that *of one test*, not divided
+# by the number of tests. Errors that all tests share, from mounting, temperature or the
 # model, do not average out, and a posterior that shrinks as $1/\sqrt{N}$ would be
 # overconfident. If your tests are truly independent and of the same state, divide
 # yourself: `ef.Measurements(test.frequencies, covariance=test.covariance / 6)`. If the
 # structure changes, each test has its own posterior: {doc}`/tutorials/many_tests`.
 #
-# A full covariance needs more tests than modes. With fewer, `correlated=False` gives one
-# standard deviation per mode, for which two tests are enough. If a test missed a mode,
-# write `nan` for its frequency, also with `correlated=False`. Each test's shape is scaled
-# to unit length and given the sign of the others, real or complex; `shapes` is the mean
-# and `shape_sd` the scatter. `ef.FrequencyTerm(test)` uses the covariance, and
-# `ef.ShapeTerm(test)` the scatter, sensor by sensor. If the modes of a test are out of
-# order, its shapes reveal it:
+# A full covariance needs more tests than modes. With fewer, `correlated=False` gives
+# one standard deviation per mode, for which two tests are enough. If a test missed a
+# mode, write `nan` for its frequency, also with `correlated=False`. Each test's shape
+# is scaled to unit length and given the sign of the others, real or complex; `shapes`
+# is the mean and `shape_sd` the scatter. `ef.FrequencyTerm(test)` uses the covariance,
+# and `ef.ShapeTerm(test)` the scatter, sensor by sensor. If the modes of a test are out
+# of order, its shapes reveal it:
 
 # %%
 try:

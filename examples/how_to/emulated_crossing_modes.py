@@ -70,8 +70,8 @@ emulated
 # %% [markdown]
 # ## Without them
 #
-# For comparison, here are the same numbers as a plain variable under another name, which
-# `emulate` takes as they are, kinks included:
+# For comparison, here are the same numbers as a plain variable under another name,
+# which `emulate` takes as they are, kinks included:
 
 
 # %%

@@ -87,8 +87,8 @@ ef.frf.plot_frf(idata, posterior)
 # damping ratios are. `stored=True` stores all.
 #
 # **Limits.** Damping is modal, with real shapes: nonproportional damping needs complex
-# modes, which the package does not have. Coherence does not show leakage, nor errors that
-# all lines share ({doc}`/explanation/likelihoods`): use `discrepancy`.
+# modes, which the package does not have. Coherence does not show leakage, nor errors
+# that all lines share ({doc}`/explanation/likelihoods`): use `discrepancy`.
 
 # %% tags=["remove-cell"]
 assert ef.diagnose(run).converged

@@ -117,8 +117,8 @@ differences = plain.gradient(theta)[1]
 print(f"largest difference {np.abs(differences - gradient).max():.0e}")
 
 # %% [markdown]
-# No difference is taken across a bound. The steps suit solvers with results good to nine
-# digits or more; searches for maxima need six.
+# No difference is taken across a bound. The steps suit solvers with results good to
+# nine digits or more; searches for maxima need six.
 #
 # - **A model** that solves all walkers at once has a method `jacobian(parameters)`. It
 #   returns the response and the derivatives of its variables, each `(n, *shape)`. A
@@ -127,14 +127,14 @@ print(f"largest difference {np.abs(differences - gradient).max():.0e}")
 #   standard deviations. With neither, it is differenced without another solve, and
 #   `linearize` of the posterior has no information.
 # - **A prior** may have `gradient`; otherwise its `logpdf` is differenced.
-# - **All models of this package** have derivatives, exact ones of frequencies and shapes,
-#   at one to two solves with vectors: `model.jacobian({"k": np.array([9.0])})`. So has a
-#   {py:class}`~emcee_femu.PairedModel` of any model that has them; it keeps the pairing
-#   fixed, because it changes in steps.
+# - **All models of this package** have derivatives, exact ones of frequencies and
+#   shapes, at one to two solves with vectors: `model.jacobian({"k": np.array([9.0])})`.
+#   So has a {py:class}`~emcee_femu.PairedModel` of any model that has them; it keeps
+#   the pairing fixed, because it changes in steps.
 #
-# Where modes coincide, sorted frequencies have a kink: a `ValueError` names the modes and
-# the parameter that separates them. If no parameter does, frequencies have derivatives,
-# and those of the shapes are without a rotation within the space that both modes span.
+# Where modes coincide, sorted frequencies have a kink: a `ValueError` names the modes
+# and the parameter that separates them. If no parameter does, frequencies have
+# derivatives, and those of the shapes are without a rotation in the space of both.
 
 # %% tags=["remove-cell"]
 EI = np.concatenate([sampler.get_chain(flat=True) for sampler in run])

@@ -2,9 +2,9 @@
 # # Write a report to hand over
 #
 # Write one HTML file that says what was measured, what was assumed, what the result is
-# and how far it can be trusted; or put tables and figures into your own document, and pass
-# the samples to ArviZ. `python examples/how_to/report.py` runs this page (5 s); it takes
-# `pip install "emcee_femu[report]"`.
+# and how far it can be trusted; or put tables and figures into your own document, and
+# pass the samples to ArviZ. `python examples/how_to/report.py` runs this page (5 s); it
+# takes `pip install "emcee_femu[report]"`.
 #
 # A steel mast of 6 m bends in one plane. Frequencies and shapes of three modes are simulated
 # here, with accelerometers at 2, 4 and 6 m. How stiff are its lower and upper half?
@@ -107,12 +107,12 @@ figure.savefig(path.with_name("scatter.pdf"), bbox_inches="tight")
 figure
 
 # %% [markdown]
-# In {py:func}`~emcee_femu.figures.plot_mac` a number near 1 outside the frames means that
-# these sensors cannot distinguish two modes.
+# In {py:func}`~emcee_femu.figures.plot_mac` a number near 1 outside the frames means
+# that these sensors cannot distinguish two modes.
 #
 # Save the samples with `idata.to_netcdf("run.nc")`, and read them with
-# `arviz.from_netcdf`: tables and figures can be made again without a solve. (ArviZ 1 needs
-# `pip install h5netcdf h5py` for this.)
+# `arviz.from_netcdf`: tables and figures can be made again without a solve. (ArviZ 1
+# needs `pip install h5netcdf h5py` for this.)
 #
 # ## ArviZ
 #
@@ -126,17 +126,17 @@ az.summary(idata)
 
 # %% [markdown]
 # - ArviZ's `r_hat` compares walkers. Those of one ensemble are not independent, so it
-#   shows only how well they mix. {py:func}`~emcee_femu.diagnose` compares whole ensembles.
-# - Plots with a line for each of 64 chains cannot be read: `combined=True` takes them as
-#   one, as in `az.plot_forest(idata, combined=True)`.
+#   shows only how well they mix. {py:func}`~emcee_femu.diagnose` compares ensembles.
+# - Plots with a line for each of 64 chains cannot be read: `combined=True` takes them
+#   as one, as in `az.plot_forest(idata, combined=True)`.
 # - The group `posterior_predictive` holds 500 new measurements, with their error:
 #   `arviz.plot_ppc`, since version 1 `plot_ppc_dist`, draws the density of all modes
 #   together; {py:func}`~emcee_femu.figures.plot_predictive` draws each.
-# - `isel(draw=...)` and `isel(chain=...)` take the same places in every group, and those of
-#   `prior` and `posterior_predictive` are not those of the chain. Give `discard=` and
-#   `thin=` when you convert.
-# - Draws that {py:func}`~emcee_femu.certify` corrected have weights, which ArviZ ignores. A
-#   tempered run is converted without its hot walkers.
+# - `isel(draw=...)` and `isel(chain=...)` take the same places in every group, and
+#   those of `prior` and `posterior_predictive` are not those of the chain. Give
+#   `discard=` and `thin=` when you convert.
+# - Draws that {py:func}`~emcee_femu.certify` corrected have weights, which ArviZ
+#   ignores. A tempered run is converted without its hot walkers.
 # - Cross-validation: {doc}`/tutorials/model_classes`. Samples of plain emcee, also by
 #   `arviz.from_emcee`: {doc}`/start/emcee_users`.
 

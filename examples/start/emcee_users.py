@@ -55,8 +55,8 @@ ef.diagnose(run)
 
 # %% [markdown]
 # The statement on the fit stays open, since the data are inside the function.
-# `workers=8` evaluates in eight processes, for which the function must be defined in a module or script;
-# `backend="run.sqlite", resume=True` keeps the run in a file and goes on with it.
+# `workers=8` evaluates in eight processes, for which the function must be defined in a
+# module or script; `backend="run.sqlite", resume=True` keeps the run in a file.
 #
 # ## The evidence
 
@@ -66,8 +66,8 @@ evidence
 
 # %% [markdown]
 # It is that of this prior, uniform in the box. If your function is a `log_probability`
-# and holds its prior already, give it with bounds alone. The evidence is then divided by
-# the volume of the box, and the printed number takes it back.
+# and holds its prior already, give it with bounds alone. The evidence is then divided
+# by the volume of the box, and the printed number takes it back.
 #
 # ## The stretch move beside the others
 #
@@ -80,8 +80,8 @@ comparison = ef.compare_moves(posterior, moves, 12, 250, discard=50, seed=1)
 comparison
 
 # %% [markdown]
-# {doc}`/tutorials/comparing_moves` explains the columns. The numbers of a move that is "too
-# short" are rough.
+# {doc}`/tutorials/comparing_moves` explains the columns. The numbers of a move that is
+# "too short" are rough.
 #
 # ## ArviZ
 #
@@ -123,13 +123,14 @@ converted = ef.to_inference_data(samplers, discard=300, names=[*box])
 ef.parameter_table(converted)
 
 # %% [markdown]
-# `DEMCMove` replaces `emcee.moves.DEMove`; {doc}`/how_to/choose_a_move` has the difference.
-# An independence move, `[(ef.IndependenceMove.fit(samples), 0.8), (ef.DEMCMove(), 0.2)]`,
-# is more efficient if the posterior is close to the distribution fitted to the burn-in.
-# Mixtures, backends, pools, `vectorize=True`, blobs and `parameter_names` work as for
-# emcee's own moves. An error is raised if all walkers start at a log-probability of -inf,
-# and for integer walkers. {py:class}`~emcee_femu.moves.TemperedMove` needs the log-prior
-# as first blob, as a {py:class}`~emcee_femu.LogPosterior` returns it, and
+# `DEMCMove` replaces `emcee.moves.DEMove`; {doc}`/how_to/choose_a_move` has the
+# difference. An independence move,
+# `[(ef.IndependenceMove.fit(samples), 0.8), (ef.DEMCMove(), 0.2)]`, is more efficient
+# if the posterior is close to the distribution fitted to the burn-in. Mixtures,
+# backends, pools, `vectorize=True`, blobs and `parameter_names` work as for emcee's own
+# moves. An error is raised if all walkers start at a log-probability of -inf, and for
+# integer walkers. {py:class}`~emcee_femu.moves.TemperedMove` needs the log-prior as
+# first blob, as a {py:class}`~emcee_femu.LogPosterior` returns it, and
 # {py:class}`~emcee_femu.moves.HamiltonianMove` a function with the method
 # `gradient(theta)`; all others take any function.
 

@@ -62,8 +62,8 @@ compared = ef.compare_moves(posterior, moves, 20, steps=400, seed=2)
 compared
 
 # %% [markdown]
-# All moves start from the same draws of the prior, in four independent ensembles. No random
-# walk is long enough to be judged here: use five times as many steps.
+# All moves start from the same draws of the prior, in four independent ensembles. No
+# random walk is long enough to be judged here: use five times as many steps.
 #
 # ## Reading the table
 #
@@ -80,8 +80,8 @@ compared
 # | verdict | that of {py:func}`~emcee_femu.diagnose` on the chains |
 #
 # A move wins only if its lead is more than two combined standard errors, and if it has
-# converged: a chain of fewer than 50 autocorrelation times does not know its own tau, nor
-# its ESS. The conclusion also says if burn-in and search reverse the order.
+# converged: a chain of fewer than 50 autocorrelation times does not know its own tau,
+# nor its ESS. The conclusion also says if burn-in and search reverse the order.
 
 # %% mystnb={"image": {"alt": "One row per move with its ESS per 1000 evaluations: auto far to the right, tuned M-H and DE-MC close to each other, the stretch move and small steps behind them; beside it the error of each running mean"}}
 ef.figures.plot_comparison(compared)
@@ -119,8 +119,8 @@ print("DE-MC:           ", np.round(demc, 1))
 print(f"converged:        {exact:.1f}")
 
 # %% [markdown]
-# The walkers with small steps have by far the smallest c.o.v., and it is wrong. Judged by
-# it, the worst move would have won.
+# The walkers with small steps have by far the smallest c.o.v., and it is wrong. Judged
+# by it, the worst move would have won.
 #
 # `max_evaluations=100_000` in place of `steps` gives every move the same number of
 # evaluations. [Moves measured](../explanation/moves_measured.md) has long runs.

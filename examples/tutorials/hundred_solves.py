@@ -87,8 +87,7 @@ emulated
 #   rounds below `tolerance` (0.1).
 #
 # The likelihood includes the emulator's own variance, so with few solves the posterior
-# is broad, not wrong. {doc}`/explanation/few_solves_measured` says how often all this was
-# right.
+# is broad, not wrong: {doc}`/explanation/few_solves_measured`.
 #
 # ## Run
 #
@@ -100,7 +99,7 @@ idata = ef.to_inference_data(run)
 ef.diagnose(run)
 
 # %% [markdown]
-# These statements are about the chain, not about the emulator. The next step checks that.
+# These statements are about the chain, not about the emulator.
 #
 # ## Certify
 #
@@ -128,9 +127,9 @@ ef.parameter_table(certificate.idata)
 # %% [markdown]
 # ## When it is refused
 #
-# **More solves from the same file**: no solve is lost. The same call with more solves and
-# `resume=True` continues, and the result is exactly that of one call, also after a crash.
-# Some solves are repeated each time, to check that the model is still the same:
+# **More solves from the same file**: no solve is lost. The same call with more solves
+# and `resume=True` continues, and the result is exactly that of one call, also after a
+# crash. Some solves are repeated each time, to check that the model is still the same:
 
 # %%
 before = len(calls)
@@ -144,8 +143,8 @@ print(f"{better.solves} solves, by {len(calls) - before} new calls of the progra
 #
 # `workers=8` solves a batch at once: eight points of `emulate`, all draws of `certify`.
 #
-# Next: {doc}`/how_to/black_box` starts a program from the command line, and handles solves
-# that fail; {doc}`/how_to/emulated_crossing_modes` has modes that cross.
+# Next: {doc}`/how_to/black_box` starts a program from the command line, and handles
+# solves that fail; {doc}`/how_to/emulated_crossing_modes` has modes that cross.
 
 # %% tags=["remove-cell"]
 assert spent <= 100 and emulated.solves < 40

@@ -12,8 +12,7 @@
 # The structure is a concrete pier, 24 m high and 6 m wide, of plane-stress squares. Its
 # lower, middle and upper third have unknown stiffness. Your FE program exports such
 # matrices ({doc}`/how_to/matrices`); here they are Kronecker products of those of bars.
-# The mesh is small, so that the page runs in seconds; all steps are the same for a large
-# one.
+# The mesh is small, so that the page runs in seconds.
 
 # %%
 import numpy as np
@@ -137,8 +136,8 @@ ef.diagnose(run)
 #
 # ## A million degrees of freedom
 #
-# By the growth in this table a million DOFs of a solid take a quarter of an hour and
-# 30 GB to factor. So leave the large eigenproblem to your FE program, in one of two ways:
+# By the growth in this table a million DOFs of a solid take a quarter of an hour and 30
+# GB to factor. So leave the large eigenproblem to your FE program, in one of two ways:
 #
 # - **Its modal basis.** Solve at the centre and at the corners of the bounds, and export
 #   these modes beside K and M. In the basis V of all of them, `V.T @ K @ V` and
@@ -149,10 +148,10 @@ ef.diagnose(run)
 #
 # ## A coarse model, corrected
 #
-# If the error of the cheap model (a coarser mesh, an emulator) is larger than that of the
-# measurement, {py:class}`~emcee_femu.moves.DelayedAcceptanceMove` lets each walker walk 20
-# steps by the cheap posterior, and one full solve accepts or rejects where it arrived. The
-# chain is that of the full model, however wrong the cheap one is.
+# If the error of the cheap model (a coarser mesh, an emulator) is larger than that of
+# the measurement, {py:class}`~emcee_femu.moves.DelayedAcceptanceMove` lets each walker
+# walk 20 steps by the cheap posterior, and one full solve accepts or rejects where it
+# arrived. The chain is that of the full model, however wrong the cheap one is.
 
 # %%
 coarse = ef.reduce_model(full, bounds, tolerance=0.03, test_points=10)
@@ -169,7 +168,7 @@ print(f"{move.proposed} proposals", end=", ")
 print(f"{move.full_solves} solved in full, {move.accepted} of these accepted")
 
 # %% [markdown]
-# If the cheap posterior is much narrower than the full one, walkers wait long in its tails.
+# If the cheap posterior is much narrower than the full one, walkers wait in its tails.
 
 # %% tags=["remove-cell"]
 assert small.max_error <= 1e-4 and small.size < 40 and small.full_solves <= 100

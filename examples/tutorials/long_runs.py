@@ -156,8 +156,7 @@ for solves in (10_000, 200_000):
 #
 # ## A job script
 #
-# {doc}`/how_to/clusters` has job scripts, among them one whose jobs wait for each other:
-# each continues where the last one was stopped.
+# {doc}`/how_to/clusters` has job scripts, and jobs that continue one another.
 
 # %% tags=["remove-cell"]
 assert 60 <= stored < 300 and same

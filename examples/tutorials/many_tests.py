@@ -7,9 +7,10 @@
 # tests are simulated, so the answer is known. `python examples/tutorials/many_tests.py`
 # runs this page in some 20 s.
 #
-# A single posterior of all data assumes that the parameters are constant, so its standard
-# deviations shrink below the scatter between tests. {py:func}`~emcee_femu.pool_tests`
-# starts from the posteriors of the single tests instead, and needs no new FE solve.
+# A single posterior of all data assumes that the parameters are constant, so its
+# standard deviations shrink below the scatter between tests.
+# {py:func}`~emcee_femu.pool_tests` starts from the posteriors of the single tests
+# instead, and needs no new FE solve.
 #
 # ## Twelve tests
 #
@@ -117,8 +118,8 @@ low, high = np.quantile(frequencies[:, 0], [0.025, 0.975])
 print(f"first frequency: {low:.2f} to {high:.2f} Hz")
 
 # %% [markdown]
-# `pooled.idata` and `pooled.run` belong to the population's run. The `log_likelihood` has
-# one value for each test, so `arviz.loo` shows which test the others do not expect.
+# `pooled.idata` and `pooled.run` belong to the population's run. The `log_likelihood`
+# has one value for each test, so `arviz.loo` shows which test the others do not expect.
 #
 # ## What is assumed
 #
@@ -141,8 +142,8 @@ pooled.population
 # The likelihood of a population is a product over the tests. Each factor is the average
 # of normal density / prior density over the draws of that test's posterior. Its error
 # grows with the number of pooled parameters: an ESS of a few hundred per test at least;
-# `draws=4_000` uses more of them. `pytest -m slow tests/population/test_truth.py` compares
-# it with quadrature.
+# `draws=4_000` uses more of them. `pytest -m slow tests/population/test_truth.py`
+# compares it with quadrature.
 
 # %% tags=["remove-cell"]
 truth = {"mean frame": frame.mean(), "mean soil": 1.0}

@@ -43,9 +43,9 @@ print(test)
 
 # %% [markdown]
 # The standard deviations are 0.2 %, the scatter of a good modal test. The numbers are
-# simulated, so the truth is known: columns, beams x and beams y have 0.95, 1.15 and 0.85
-# of their nominal stiffness. **The floors of the true frame are heavier on one side**,
-# which the model below does not know. So no parameters make it fit exactly.
+# simulated, so the truth is known: columns, beams x and beams y have 0.95, 1.15 and
+# 0.85 of their nominal stiffness. **The floors of the true frame are heavier on one
+# side**, which the model below does not know. So no parameters make it fit exactly.
 #
 # ## The model
 #
@@ -163,11 +163,11 @@ ef.figures.plot_predictive(idata, posterior)
 
 # %% [markdown]
 # A new measurement should lie on the thin line with 95 % probability, model error
-# included; zero is the measured value. The MAC is about 0.97 for the modes that the uneven
-# floors twist, so that the shape error is inferred at 0.06, three times the 0.02 with
-# which the sensors were simulated.
+# included; zero is the measured value. The MAC is about 0.97 for the modes that the
+# uneven floors twist, so that the shape error is inferred at 0.06, three times the 0.02
+# with which the sensors were simulated.
 #
-# The measured shapes (red) and the updated model (blue): sway along y, along x, torsion.
+# The measured shapes (red) and the updated model (blue): sway along y, x, and torsion.
 
 # %% mystnb={"image": {"alt": "Three mode shapes of the frame: grey at rest, blue the updated model, red lines with dots what eight sensors measured; the dots are near the model"}}
 ef.figures.plot_shapes(run, modes=[1, 2, 3])
@@ -176,8 +176,8 @@ ef.figures.plot_shapes(run, modes=[1, 2, 3])
 ef.pairing_table(idata)
 
 # %% [markdown]
-# In some samples the sway modes have changed places (last column). If the fit is bad, do
-# not report numbers: look at the inferred errors, and at the sentences of
+# In some samples the sway modes have changed places (last column). If the fit is bad,
+# do not report numbers: look at the inferred errors, and at the sentences of
 # {py:func}`~emcee_femu.identifiability`:
 
 # %%

@@ -108,9 +108,9 @@ for name, run in runs.items():
 #
 # ## Cross-validation, by ArviZ
 #
-# `arviz.loo` leaves one datum out after the other. The model class with the lower `elpd`
-# predicts worse. The group `log_likelihood` has one number for each datum; a term whose
-# data are correlated, such as that of shapes, counts as one.
+# `arviz.loo` leaves one datum out after the other. The model class with the lower
+# `elpd` predicts worse. The group `log_likelihood` has one number for each datum; a
+# term whose data are correlated, such as that of shapes, counts as one.
 
 # %% tags=["remove-stderr"]
 import arviz as az
@@ -145,14 +145,14 @@ print(f"lost: {loss:.2f}; ln 10 = {np.log(10):.2f}")
 # %% [markdown]
 # So a prior made wide "to be on the safe side" counts against its class, by ln 10 for
 # each unnecessary factor of ten, and for each parameter. Use priors that state what you
-# believed before the test, in all classes alike, and check how much the conclusion changes
-# with them. The evidence depends on the error model as well: if errors are too small,
-# every class fails, and the most flexible one fails least.
+# believed before the test, in all classes alike, and check how much the conclusion
+# changes with them. The evidence depends on the error model as well: if errors are too
+# small, every class fails, and the most flexible one fails least.
 #
-# {py:func}`~emcee_femu.log_evidence` takes runs of `"auto"`, by one bridge from the frozen
-# proposal to the chain, tempered runs, and annealed populations: [several
-# modes](../how_to/tempering.py). If a standard error cannot be trusted, none is claimed,
-# and `compare_models` decides nothing. [Moves
+# {py:func}`~emcee_femu.log_evidence` takes runs of `"auto"`, by one bridge from the
+# frozen proposal to the chain, tempered runs, and annealed populations: [several
+# modes](../how_to/tempering.py). If a standard error cannot be trusted, none is
+# claimed, and `compare_models` decides nothing. [Moves
 # measured](../explanation/moves_measured.md) compares all three with exact values.
 
 # %% tags=["remove-cell"]

@@ -70,8 +70,8 @@ print("sd of the model error in %:", (100 * errors.std(axis=0)).round(2))
 # %% [markdown]
 # So this 6 % is 1 % in the frequencies, five times the scatter of a test. Here is one
 # such building, updated twice: with the 0.2 % of the test alone, and with a
-# `discrepancy`, an additional error whose size is a parameter. Its prior, half-normal of
-# scale 2 %, says which size would not surprise.
+# `discrepancy`, an additional error whose size is a parameter. Its prior, half-normal
+# of scale 2 %, says which size would not surprise.
 
 # %%
 SCATTER = 0.002
@@ -135,9 +135,9 @@ for label, share in coverage.items():
     print(f"model error {label}: {share:.0f} % of 60 intervals hold the truth")
 
 # %% [markdown]
-# If model error is ignored, the 95 % intervals are far too narrow. If it is inferred, they
-# are right. (Sixty intervals are few: a share of 95 % is known to about ± 6 %. The term
-# also assumes that errors are independent from mode to mode, which is roughly so here.)
+# If model error is ignored, the 95 % intervals are far too narrow. If it is inferred,
+# they are right. (Sixty intervals are few: a share of 95 % is known to about ± 6 %. The
+# term also assumes errors that are independent from mode to mode.)
 #
 # ## Does the model predict the test?
 #
@@ -168,9 +168,8 @@ ef.figures.plot_predictive(runs[inferred])
 # If nobody knows the scatter of the test, leave it out:
 # `FrequencyTerm(measured, discrepancy="noise")` infers one relative standard deviation
 # for all modes, which is noise and model error together, since one test cannot separate
-# them. Its prior needs a lower bound above zero, such as `(0.001, 0.05)`: if the model can
-# fit all frequencies exactly, the likelihood grows without bound as the noise goes to
-# zero.
+# them. Its prior needs a lower bound above zero, such as `(0.001, 0.05)`: if the model
+# can fit all frequencies exactly, the likelihood grows without bound towards zero.
 
 # %% tags=["remove-cell"]
 assert 0.6 < 100 * errors.std(axis=0).mean() < 1.4

@@ -11,9 +11,9 @@
 # ## The structure and its test
 #
 # An aluminium body of 1.5 m, wings of 2 m span with a drum at either tip, a fin and a
-# tailplane, hung from bungees. {download}`garteur.py <../../examples/garteur.py>` builds
-# it from 27 nodes: bars with rigid offsets, point masses, and no supports. Its first lines
-# name the source of each dimension:
+# tailplane, hung from bungees. {download}`garteur.py <../../examples/garteur.py>`
+# builds it from 27 nodes: bars with rigid offsets, point masses, and no supports. Its
+# first lines name the source of each dimension:
 #
 # ```{literalinclude} ../../examples/garteur.py
 # :pyobject: garteur
@@ -119,9 +119,9 @@ ef.frequency_table(by_shape)
 #
 # ## What the model lacked
 #
-# So a spring about z between body and wing, and the strip as bars of its own, replace the
-# wing's factors. How much of its stiffness acts depends on the tape: nothing if it gives, all if
-# it is rigid. The model's error is inferred, beside the small scatter of tests.
+# So a spring about z between body and wing, and the strip as bars of its own, replace
+# the wing's factors. How much of its stiffness acts depends on the tape: nothing if it
+# gives, all if it is rigid. The model's error is inferred, too.
 
 # %%
 bounds = {"density": (0.8, 1.25), "fin small": (0.4, 2.0), "fin torsion": (0.4, 2.0)}

@@ -171,9 +171,9 @@ print("and with the known mass:", separated.sd_ratio.round(2))
 # ### A real frame, on rails
 #
 # The bookshelf of Los Alamos (LA-14393, doi:10.2172/961604) has three storeys on a base
-# that slides on rails. As nothing holds it, `skip=1` leaves out a rigid-body mode. Masses
-# by name are parameters, as springs are. The data are those of a **published updated
-# model** (Dessena et al. 2024, doi:10.1016/j.cma.2023.116511), whose values are `theirs`.
+# that slides on rails. As nothing holds it, `skip=1` leaves out a rigid-body mode.
+# Masses by name are parameters, as springs are. The data are those of a **published
+# updated model**, `theirs` (Dessena et al. 2024, doi:10.1016/j.cma.2023.116511).
 
 # %%
 masses = {"base": 6.422, "floor 1": 6.565, "floor 2": 6.565, "floor 3": 6.675}  # kg
@@ -198,8 +198,8 @@ for name, ratio, error in zip(theirs, missed, sd, strict=True):
 
 # %% [markdown]
 # Shapes tell how the mass is distributed, and so the stiffnesses, too. All seven are
-# missed by nearly the same factor, which no frequency and no shape tells. It is a matter
-# of the prior, or of a balance: weigh the frame.
+# missed by nearly the same factor, which no frequency and no shape tells. It is a
+# matter of the prior, or of a balance: weigh the frame.
 
 # %% tags=["remove-cell"]
 frequencies, _, five, shapes, _ = rows
