@@ -129,7 +129,8 @@ bounds |= {"layer": (0.02, 1.0), "joint": (0.2, 40.0)}
 why = [*bounds]
 model = garteur(why, n_modes=12, shapes=True, joint=True, layer=True)
 small = ef.reduce_model(model, bounds)
-priors = dict.fromkeys(["fin small", "fin torsion"], stats.norm(1.0, 0.2)) | {
+priors = dict.fromkeys(["density", "fin small", "fin torsion"], stats.norm(1.0, 0.2))
+priors |= {
     "density": stats.norm(1.0, 0.05),
     "layer": stats.uniform(0.02, 0.98),  # the share of its stiffness that acts
     "joint": stats.lognorm(1.0, scale=3.0),  # 100 kN m, about z
