@@ -5,16 +5,14 @@ reason. For your own program copy `finished_job`, change `COMMAND`, and replace
 `read_frequencies`, which reads the table of CalculiX. Note:
 
 * Each solve has a new, empty folder, named after the worker process and removed after
-  the solve, even a failed one. So two workers never write to one file, and a result
-  of an earlier solve is never read for that of a later one.
-* A time limit ends the program and all that it started. Many programs are scripts
-  that start the solver. Killing the script alone leaves the solver behind, and
-  waiting for its output waits for the solver.
+  the solve, even a failed one. So no result is read for that of another solve.
+* A time limit ends the program and all that it started: to kill the script that starts
+  a solver leaves the solver behind.
 * Exit status 0 does not mean that there is a result. So the reader checks that the
   result is one complete table whose columns fit each other.
 * An error due to the parameters is an exception. An error of the machine says nothing
-  about the parameters: `Unavailable` stops the run in any case. The page "Handle solves
-  that fail" (examples/how_to/failing_solves.py) has both.
+  about the parameters: `Unavailable` stops the run in any case. The page "Use a
+  program as a black box" (examples/how_to/black_box.py) has both.
 
 CalculiX is free software and needs no licence: apt install calculix-ccx
 

@@ -4,11 +4,9 @@ The solver here stands for an external FE program: it solves the paper's mass-sp
 structure, slowly. The posterior is sent to each worker once, then only coordinates
 are. The chain is that of a serial run with this seed.
 
-With dask, two workers are started on this machine if no address is given; on a
-cluster start a scheduler and the workers, and give ``--scheduler``. With MPI, rank 0
-is the master, which samples, and the other ranks evaluate. The page "Use many
-processors, or a cluster" (docs/how_to/clusters.md) has the job scripts. At most half
-the walkers are evaluated at once, hence 4 walkers per worker here.
+With dask, two workers are started on this machine if no address is given. With MPI,
+rank 0 samples, and the other ranks evaluate. The page "Use many processors, or a
+cluster" (docs/how_to/clusters.md) has the job scripts.
 
 Run it:  python examples/cluster.py
          mpiexec -n 3 python examples/cluster.py --mpi
@@ -72,15 +70,8 @@ def main(
     posterior = ef.LogPosterior(model, given.terms, given.prior)
     with mpi_pool() if mpi else dask_pool(scheduler, workers) as (pool, count):
         begin = time.perf_counter()
-        run = ef.run(
-            posterior,
-            ef.DEMCMove(),
-            nwalkers=max(16, 4 * count),
-            steps=steps,
-            ensembles=1,
-            seed=seed,
-            pool=pool,
-        )
+        options = {"ensembles": 1, "seed": seed, "pool": pool}
+        run = ef.run(posterior, ef.DEMCMove(), max(16, 4 * count), steps, **options)
         elapsed = time.perf_counter() - begin
     print(f"{count} workers: {run[0].nwalkers} walkers, {elapsed:.1f} s")
     idata = ef.to_inference_data(run, discard=steps // 2)

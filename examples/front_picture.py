@@ -28,13 +28,9 @@ def plot_frequencies(idata, height):
     before = ef.frequency_table(idata)
     after = ef.predictive_table(idata)  # of the model, with 95 % intervals
     measured = np.array(after.column("measured Hz"))
-    initial, mean, low, high = (
-        100 * (np.array(values[: len(measured)]) / measured - 1)
-        for values in (
-            before.column("prior mean Hz"),
-            *(after.column(title) for title in ("predicted Hz", "2.5 %", "97.5 %")),
-        )
-    )
+    columns = [before.column("prior mean Hz")[: len(measured)]]
+    columns += map(after.column, ["predicted Hz", "2.5 %", "97.5 %"])
+    initial, mean, low, high = 100 * (np.array(columns) / measured - 1)
     figure, axes = plt.subplots(figsize=(4.1, height), layout="constrained")
     place = np.arange(1, len(measured) + 1)
     axes.axhline(0, color="black", lw=0.8)

@@ -101,10 +101,8 @@ def garteur(factors=(), n_modes=8, shapes=False, joint=False, layer=False):
             on = BEHIND, 0.0, ON_TOP
             at_root = on if up is None else np.add(up, on)
             ends = [at_root] + [on] * len(stations)
-            bars += [
-                (inner[i], inner[i + 1], "layer", (ends[i], ends[i + 1]))
-                for i in range(len(stations))
-            ]
+            for i in range(len(stations)):
+                bars.append((inner[i], inner[i + 1], "layer", (ends[i], ends[i + 1])))
         line(tip, "wing", [(0, side, ABOVE)])
         drum, high = (0, 0, DRUM), ABOVE + DRUM
         front = line(tip, "drum", [(0.2, side * OUTER, high)], drum)
@@ -124,13 +122,9 @@ def garteur(factors=(), n_modes=8, shapes=False, joint=False, layer=False):
         share = {"E": (E, "layer"), "GJ": (thin.GJ, "layer")}
         sections["layer"] = ef.Section(**(vars(thin) | share))
     if shapes:
-        shapes = [
-            f"{i}:{direction}" for i in range(len(nodes)) for direction in SENSORS
-        ]
-    return ef.FrameModel(
-        nodes, bars, sections, masses=masses, springs=springs,
-        n_modes=n_modes, skip=6, shapes=shapes,
-    )  # fmt: skip
+        shapes = [f"{i}:{along}" for i in range(len(nodes)) for along in SENSORS]
+    options = {"masses": masses, "springs": springs, "skip": 6, "shapes": shapes}
+    return ef.FrameModel(nodes, bars, sections, n_modes=n_modes, **options)
 
 
 def total_mass(model):

@@ -17,13 +17,14 @@ from typing import NamedTuple
 
 import emcee
 import numpy as np
-from commands import command
+from commands import command, weigh
+from hard_posteriors import box, correlated, gaussians
 
 import emcee_femu as ef
 from emcee_femu.extensions.comparison.compare import Comparison
-from emcee_femu.moves.mixture import Mixture
 
 Floats = np.ndarray
+EFFECTIVE = 200_000  # draws behind the moments of a posterior that cannot be drawn
 
 
 class Target(NamedTuple):
@@ -50,33 +51,22 @@ def spread_out(
 def weighed(posterior: ef.LogPosterior) -> Target:
     """Return a posterior with its moments by importance sampling."""
     (pilot,) = ef.run(posterior, ef.DEMCMove(), 40, 4_000, seed=1, ensembles=1)
-    fit = ef.IndependenceMove.fit(pilot.get_chain(discard=1_000, flat=True), "auto", 5)
-    law = Mixture(fit.weights, fit.means, fit.scale_matrices, 5)
-    draws = law.draw(np.random.default_rng(1), 400_000)
-    parts = np.array_split(draws, 80)
-    logs = np.concatenate([posterior(x)[:, 0] - law.log_density(x) for x in parts])
-    weights = np.exp(logs - logs.max())
-    mean = np.average(draws, axis=0, weights=weights)
-    sd = np.sqrt(np.average((draws - mean) ** 2, axis=0, weights=weights))
-    return Target(posterior, mean, sd)
+    chain = pilot.get_chain(discard=1_000, flat=True)
+    means, sds, _ = weigh([posterior], chain, EFFECTIVE)
+    return Target(posterior, means[0], sds[0])
 
 
 def fe5() -> Target:
     """Return the five-spring target."""
     ends = [(0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (5, 0), (1, 3), (2, 4), (3, 5)]
     stiffness = [4010.0, 2210.0, 3200.0, 2130.0, 1840.0, 2595.0, 2200.0, 2398.0, 2800.0]
-    springs = {
-        f"k{i}": (*pair, k)
-        for i, (pair, k) in enumerate(zip(ends, stiffness, strict=True), 1)
-    } | {"k10": (0, 3, 2000.0)}
+    springs = {f"k{i + 1}": (*ends[i], k) for i, k in enumerate(stiffness)}
+    springs["k10"] = (0, 3, 2000.0)
     model = ef.MassSpringModel([2.7, 1.7, 6.1, 5.3, 2.9], springs)
     measured = model({}).frequencies[0]
-    centre = np.array([4600.0, 2580.0, 1680.0, 3100.0, 2350.0])
-    bounds = np.array(
-        [(3200, 4800), (1800, 2600), (1600, 2670), (1800, 3400), (2050, 2750)]
-    )
-    names = ["k1", "k2", "k4", "k6", "k8"]
-    prior = ef.GaussianPrior(names, centre, 0.2 * centre, bounds)
+    paper = ef.paper.mass_spring().posterior.prior  # of another topology
+    centre = paper.mean
+    prior = ef.GaussianPrior(paper.names, centre, 0.2 * centre, paper.bounds)
     posterior = ef.LogPosterior(model, ef.FrequencyTerm(measured, beta=4.5e5), prior)
     return weighed(posterior)
 
@@ -84,25 +74,16 @@ def fe5() -> Target:
 def g20() -> Target:
     """Return the 20-dimensional Gaussian."""
     sd = np.geomspace(0.1, 10, 20)
-    precision = np.linalg.inv(0.05 * np.eye(20) + 0.95) / np.outer(sd, sd)
-
-    def log_density(x: Floats) -> Floats:
-        return -0.5 * np.einsum("ni,ni->n", x @ precision, x)
-
-    return Target(spread_out(log_density, 3 * sd), np.zeros(20), sd)
+    law = correlated(0.95, sd[:, None], box(20, -100, 100), 0.0)
+    return Target(spread_out(law.log_density, 3 * sd), np.zeros(20), sd)
 
 
 def bim5() -> Target:
     """Return the two Gaussians, at -5 (0.3) and +5 (0.7) of the first axis."""
-
-    def log_density(x: Floats) -> Floats:
-        rest = -0.5 * (x[:, 1:] ** 2).sum(axis=1)
-        left = np.log(0.3) - 0.5 * (x[:, 0] + 5) ** 2
-        return rest + np.logaddexp(left, np.log(0.7) - 0.5 * (x[:, 0] - 5) ** 2)
-
-    mean = np.array([2.0, 0, 0, 0, 0])
+    means = np.outer([-5, 5], np.eye(5)[0])
+    law = gaussians([0.3, 0.7], means, [np.eye(5)] * 2, box(5, -50, 50))
     sd = np.array([np.sqrt(1 + 25 - 4), 1, 1, 1, 1])
-    return Target(spread_out(log_density, np.full(5, 4.0)), mean, sd)
+    return Target(spread_out(law.log_density, np.full(5, 4.0)), 2 * np.eye(5)[0], sd)
 
 
 TARGETS = {"fe5": (fe5, 32), "g20": (g20, 64), "bim5": (bim5, 32)}  # and walkers

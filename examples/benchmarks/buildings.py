@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from commands import command, tabulate
+from commands import command, draws_of, tabulate
 
 import emcee_femu as ef
 from emcee_femu.table import Table
@@ -35,10 +35,9 @@ def shear_building(
     n = len(names)
     drift = np.eye(n) - np.eye(n, k=-1)
     units = [STIFFNESS / nominal * np.outer(b, b) for b in drift]
-    model = ef.MatrixModel(
-        np.zeros((n, n)), mass * np.eye(n), dict(zip(names, units, strict=True)),
-        n_modes=n_modes, shapes=list(floors) or False,
-    )  # fmt: skip
+    K = dict(zip(names, units, strict=True))
+    options = {"n_modes": n_modes, "shapes": list(floors) or False}
+    model = ef.MatrixModel(np.zeros((n, n)), mass * np.eye(n), K, **options)
     mean = np.full(n, nominal)
     return model, ef.GaussianPrior(names, mean, SPREAD * mean, np.outer(mean, BOUNDS))
 
@@ -86,8 +85,7 @@ def run(steps: int, seed: int) -> tuple[object, ...]:
     found = ef.run(posterior, "auto", nwalkers=40, steps=steps, seed=seed)
     seconds = time.process_time() - begun
     diagnosis = ef.diagnose(found)
-    samples = np.concatenate([sampler.get_chain(flat=True) for sampler in found])
-    low, high = np.quantile(samples, [0.025, 0.975], axis=0)
+    low, high = np.quantile(draws_of(found), [0.025, 0.975], axis=0)
     true = np.concatenate([truth[name] for name in posterior.names])
     inside = f"{np.sum((low < true) & (true < high))}/{len(truth)}"
     ess = diagnosis.ess_bulk.min()
@@ -95,10 +93,8 @@ def run(steps: int, seed: int) -> tuple[object, ...]:
     return seed, found.solves, ess, efficiency, said, inside, seconds
 
 
-COLUMNS = {
-    "seed": "", "solves": ",d", "ESS": ",.0f", "ESS/1000": ".1f", "chains": "",
-    "truths inside": "", "s": ".0f",
-}  # fmt: skip
+COLUMNS = {"seed": "", "solves": ",d", "ESS": ",.0f", "ESS/1000": ".1f"}
+COLUMNS |= {"chains": "", "truths inside": "", "s": ".0f"}
 
 
 def main(seeds: int = 10, steps: int = 250) -> Table:

@@ -1,12 +1,10 @@
 """How large an ensemble a cluster needs: 1,000 workers simulated, 32 measured.
 
-One ensemble can have half of its walkers under way at once, and the ensembles of a run
-are under way together. The half must be back before the other half moves, so a
+Half of the walkers of an ensemble must be back before the other half moves, so that a
 generation lasts as long as its slowest worker. Solver times are log-normal, and the
 master takes some time to hand out each. A larger ensemble uses the workers better, but
 every walker has its own burn-in. If all solves take the same time, 2 to 4 walkers per
-worker are enough; if their times vary, 8 to 16. Beyond some hundred workers, make each
-ensemble a job of its own, with its own ``seed``.
+worker are enough; if their times vary, 8 to 16.
 
 The last table is measured, with threads that sleep for a solve: four ensembles of 16
 walkers, together as ``run`` has them on a pool, and one after another.
@@ -30,10 +28,8 @@ JOBS = 40_000  # simulated, for every number of the tables
 SIZES = 1, 2, 8, 32, 128, 512, 1_000  # workers
 PER_WORKER = 2, 4, 8, 16  # walkers
 SIMULATED = {"workers": "d"} | {f"{k} walkers per worker": ".0f" for k in PER_WORKER}
-MEASURED = {
-    "workers": "d", "one after another s": ".2f", "together s": ".2f", "ratio": ".2f",
-    "efficiency %": ".0f",
-}  # fmt: skip
+MEASURED = {"workers": "d", "one after another s": ".2f", "together s": ".2f"}
+MEASURED |= {"ratio": ".2f", "efficiency %": ".0f"}
 
 
 def makespan(times: np.ndarray, workers: int, dispatch: float = 0.0) -> float:

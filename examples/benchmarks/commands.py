@@ -1,4 +1,4 @@
-"""What the benchmarks share: options and tables.
+"""What the benchmarks share: options, tables and moments by importance sampling.
 
 The options of a benchmark are the arguments of its ``main``:
 ``python examples/benchmarks/evidence.py --help`` lists them.
@@ -7,18 +7,25 @@ The options of a benchmark are the arguments of its ``main``:
 import argparse
 import inspect
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
+import emcee_femu as ef
+from emcee_femu.moves.mixture import Mixture
 from emcee_femu.table import Table
+
+Floats = np.ndarray
+BATCH, BATCHES = 2_000, 200  # draws at a time, and at most
+DF, FEWEST = 8.0, 15  # of the mixture; draws per dimension that a fit takes
 
 
 def command(main: Callable[..., object]) -> None:
     """Call a function with what the command line gives; the rest are its defaults."""
-    parser = argparse.ArgumentParser(
-        description=inspect.getmodule(main).__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    shown = argparse.RawDescriptionHelpFormatter
+    text = inspect.getmodule(main).__doc__
+    parser = argparse.ArgumentParser(description=text, formatter_class=shown)
     for name, argument in inspect.signature(main).parameters.items():
         default = argument.default
         several = isinstance(default, tuple)
@@ -41,3 +48,44 @@ def tabulate(title: str, formats: Mapping[str, str], rows: Iterable[Any]) -> Tab
     table = Table(title, tuple(formats), tuple(formats.values()), tuple(found))
     print(table)
     return table
+
+
+def draws_of(run: Iterable[Any]) -> Floats:
+    """Return all draws of a run, ``(n, d)``."""
+    return np.concatenate([sampler.get_chain(flat=True) for sampler in run])
+
+
+def weigh(
+    posteriors: Sequence[ef.LogPosterior],
+    chain: Floats,
+    size: int,
+    seed: int = 1,
+    first: Callable[[Floats], Floats] | None = None,
+) -> tuple[Floats, Floats, Floats]:
+    """Return means and standard deviations of posteriors, and weights of a mode.
+
+    All are by the same weighted draws of a mixture fitted to a chain, of which at least
+    ``size`` are effective for the last posterior, if BATCHES do. ``first`` says which
+    draws are in the first of two modes; each mode then has half of the draws.
+    """
+    parts = [chain]
+    if first is not None:
+        parts = [chain[first(chain)], chain[~first(chain)]]
+        parts = [part for part in parts if len(part) > FEWEST * part.shape[1]]
+    fits = [ef.IndependenceMove.fit(part, "auto", DF) for part in parts]
+    laws = [(f.weights / len(fits), f.means, f.scale_matrices) for f in fits]
+    mixture = Mixture(*map(np.concatenate, zip(*laws, strict=True)), DF)
+    rng, x, log_weights = np.random.default_rng(seed), [], []
+    for _ in range(BATCHES):
+        x.append(mixture.draw(rng, BATCH))
+        density = mixture.log_density(x[-1])
+        log_weights.append([p(x[-1])[:, 0] - density for p in posteriors])
+        ratios = np.concatenate(log_weights, axis=1)
+        weights = np.exp(ratios - ratios.max(axis=1, keepdims=True))
+        weights /= weights.sum(axis=1, keepdims=True)
+        if (weights[-1] ** 2).sum() < 1 / size:
+            break
+    points = np.concatenate(x)
+    means = weights @ points
+    sds = np.sqrt(np.maximum(weights @ points**2 - means**2, 0))
+    return means, sds, weights @ (first(points) if first else 0 * points[:, 0])

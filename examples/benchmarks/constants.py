@@ -27,7 +27,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from benchmark import fe5, weighed
+from benchmark import EFFECTIVE, fe5, weighed
 from buildings import draw, measure, shear_building, terms_of
 from commands import command, tabulate
 from hard_targets import Run, Truth, compare, judge
@@ -59,20 +59,20 @@ COLUMNS = {
 def springs(which: str) -> tuple[ef.LogPosterior, Truth]:
     """Return a posterior of stiffnesses, with its moments by importance sampling."""
     if which == "five springs":
-        posterior, mean, sd = fe5()
+        target = fe5()
     elif which == "two springs":
         frame = {"k1": (0, 1, 50e3), "k2": (1, 2, 10e3)}
         model = ef.MassSpringModel([16.5, 16.1], frame)
         term = ef.FrequencyTerm([3.13, 9.83], relative_sd=0.02)
         bounds = [(20e3, 90e3), (1e3, 15e3)]
-        prior = ef.GaussianPrior(["k1", "k2"], [50e3, 10e3], [9e3, 3e3], bounds)
-        posterior, mean, sd = weighed(ef.LogPosterior(model, term, prior))
+        prior = ef.GaussianPrior([*frame], [50e3, 10e3], [9e3, 3e3], bounds)
+        target = weighed(ef.LogPosterior(model, term, prior))
     else:
         rng = np.random.default_rng(0)
         model, prior = shear_building(["k1", "k2", "k3", "k4"], 2e5, 2, [])
         terms = terms_of(measure(model, draw(prior, rng), 2, rng))
-        posterior, mean, sd = weighed(ef.LogPosterior(model, terms, prior))
-    return posterior, Truth(mean, sd, np.ones(1), 400_000)
+        target = weighed(ef.LogPosterior(model, terms, prior))
+    return target.posterior, Truth(target.mean, target.sd, np.ones(1), EFFECTIVE)
 
 
 def run(target: str, seed: int) -> Run | None:
@@ -108,10 +108,9 @@ def main(seeds: int = 2, only: tuple[str, ...] = tuple(NAMES)) -> Table:
     today = [run(*case) for case in cases]
 
     def run_all(owner: str) -> list[Run | None]:
-        return [
-            run(*case) if case[0] != "bent ridge" or owner in ON_RIDGE else before
-            for case, before in zip(cases, today, strict=True)
-        ]
+        again = [t != "bent ridge" or owner in ON_RIDGE for t, _ in cases]
+        known = zip(cases, again, today, strict=True)
+        return [run(*case) if anew else old for case, anew, old in known]
 
     def sum_up(runs: list[Run | None]) -> tuple[object, ...]:
         pairs = [(r, t) for r, t in zip(runs, today, strict=True) if r and t]

@@ -1,15 +1,10 @@
 """Hamiltonian moves beside DE-MC on shear buildings of 20, 30 and 50 storeys.
 
-The storey stiffnesses are unknown, with a Gaussian prior of 20 % about their nominal
-values. Twelve natural frequencies (errors of 0.5 %) and the mode shapes at every
-second floor (errors of 2 % of a shape's length) were measured on a building drawn
-from that prior; there are several buildings. The Gaussian at the maximum of the
-posterior (``find_map``) gives the metric, ``tuned`` chooses the steps, then both are
-frozen. All moves start from draws of that Gaussian and drop a fifth as burn-in.
-
-The effective sample size is the bulk ESS of the worst parameter. A gradient counts as
-one solve, and every solve after the burn-in counts, out of bounds or not. Pareto k is
-that of the Gaussian's weights.
+The storey stiffnesses are unknown. Twelve natural frequencies and the mode shapes at
+every second floor were measured on a building drawn from the prior. The Gaussian at the
+maximum of the posterior (``find_map``) gives the metric, ``tuned`` chooses the steps,
+then both are frozen. All moves start from draws of that Gaussian and drop a fifth as
+burn-in. A gradient counts as one solve. Pareto k is that of the Gaussian's weights.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/hamiltonian.py
 """
@@ -44,10 +39,8 @@ def efficiency(
     gradients = isinstance(move, ef.moves.HamiltonianMove)
     cost = (move.steps if gradients else 1) * len(starts)
     kept = max(20, solves // cost)
-    run = ef.run(
-        posterior, move, len(starts), kept // 4 + kept, ensembles=1, seed=seed,
-        starts=starts,
-    )  # fmt: skip
+    options = {"ensembles": 1, "seed": seed, "starts": starts}
+    run = ef.run(posterior, move, len(starts), kept // 4 + kept, **options)
     return 1000 * ef.diagnose(run, discard=kept // 4).ess_bulk.min() / (kept * cost)
 
 
@@ -59,24 +52,18 @@ def compare(d: int, building: int, solves: int) -> tuple[object, ...]:
     draws = laplace.draw(3 * d + SAMPLES, seed=building)
     metric = laplace.maxima[0].covariance
     hmc = ef.moves.HamiltonianMove.tuned(posterior, draws[:SAMPLES], metric, seed=1)
-    moves = (
-        (hmc, draws[-WALKERS:], solves),
-        (ef.DEMCMove(), draws[-3 * d :], 4 * solves),  # more, to be stable
-    )
+    moves = [(hmc, draws[-WALKERS:], solves)]
+    moves += [(ef.DEMCMove(), draws[-3 * d :], 4 * solves)]  # more, to be stable
     ess = [efficiency(posterior, *each, seed=building) for each in moves]
     return d, building, laplace.pareto_k, f"{hmc.steps} x {hmc.step_size:.2f}", *ess
 
 
-COLUMNS = {
-    "storeys": "d", "building": "d", "Pareto k": ".2f", "steps": "", "HMC": ".1f",
-    "DE-MC": ".1f",
-}  # fmt: skip
+COLUMNS = {"storeys": "d", "building": "d", "Pareto k": ".2f", "steps": ""}
+COLUMNS |= {"HMC": ".1f", "DE-MC": ".1f"}
 
 
 def main(
-    storeys: tuple[int, ...] = (20, 30, 50),
-    solves: int = 20_000,
-    buildings: int = 3,
+    storeys: tuple[int, ...] = (20, 30, 50), solves: int = 20_000, buildings: int = 3
 ) -> Table:
     """Print and return a table with a row per building."""
     cases = itertools.product(storeys, range(1, buildings + 1))

@@ -100,9 +100,8 @@ def gaussians(weights: Any, means: Any, factors: Any, box: Floats) -> Target:
 def pair(d: int, mean: Any, weight: float, width: float, limits: Floats) -> Target:
     """Return a unit Gaussian at 0 and a narrower, lighter one."""
     means = [np.zeros(d), np.broadcast_to(mean, d)]
-    return gaussians(
-        [1 - weight, weight], means, [np.eye(d), width * np.eye(d)], limits
-    )
+    factors = [np.eye(d), width * np.eye(d)]
+    return gaussians([1 - weight, weight], means, factors, limits)
 
 
 def needle(d: int, apart: float, weight: float, width: float) -> Target:
@@ -161,10 +160,8 @@ def radial(
         return constants[:, None] + log_density(r)
 
     def draw(rng: np.random.Generator, n: int) -> Floats:
-        which, direction = (
-            rng.choice(len(weights), n, p=weights),
-            rng.normal(size=(n, d)),
-        )
+        which = rng.choice(len(weights), n, p=weights)
+        direction = rng.normal(size=(n, d))
         r = scales[which] * radii(rng, n) / np.linalg.norm(direction, axis=1)
         return centres[which] + r[:, None] * direction
 
@@ -178,12 +175,11 @@ def shell(d: int, radius: float, width: float, half: float) -> Target:
     def log_density(r: Floats) -> Floats:
         return -0.5 * ((r - radius) / width) ** 2
 
+    def radii(rng: np.random.Generator, n: int) -> Floats:
+        return np.interp(rng.random(n), share / share[-1], grid)
+
     share = (grid ** (d - 1) * np.exp(log_density(grid))).cumsum()
-    share /= share[-1]
-    return radial(
-        box(d, -half, half), log_density,
-        lambda rng, n: np.interp(rng.random(n), share, grid),
-    )  # fmt: skip
+    return radial(box(d, -half, half), log_density, radii)
 
 
 def student(d: int, df: float, half: float = 100, **modes: Any) -> Target:
@@ -205,23 +201,20 @@ def balls(d: int = 4, apart: float = 6.0, power: int = 8) -> Target:
     )  # fmt: skip
 
 
-def funnel_density(x: Floats) -> Floats:
-    """Return the log-density of Neal's funnel: x1 is N(0, 3), others N(0, e^(x1/2))."""
-    v, others = x[:, 0], x[:, 1:]
-    squares = (others**2).sum(axis=1) * np.exp(-v)
-    return -(v**2) / 18 - 0.5 * (squares + others.shape[1] * v)
-
-
 def funnel(d: int = 5) -> Target:
-    """Return Neal's funnel."""
+    """Return Neal's funnel: x1 is N(0, 3), the others are N(0, exp(x1 / 2))."""
+
+    def log_density(x: Floats) -> Floats:
+        v, others = x[:, 0], x[:, 1:]
+        squares = (others**2).sum(axis=1) * np.exp(-v)
+        return -(v**2) / 18 - 0.5 * (squares + others.shape[1] * v)
 
     def draw(rng: np.random.Generator, n: int) -> Floats:
         z = rng.normal(size=(n, d))
         return np.column_stack([3 * z[:, 0], np.exp(1.5 * z[:, :1]) * z[:, 1:]])
 
-    return Target(
-        funnel_density, draw, np.vstack([box(1, -12, 12), box(d - 1, -99, 99)])
-    )
+    limits = np.vstack([box(1, -12, 12), box(d - 1, -99, 99)])
+    return Target(log_density, draw, limits)
 
 
 def banana(d: int = 4, bend: float = 0.03) -> Target:
@@ -251,13 +244,7 @@ def corner(scales: Any, most: float) -> Target:
 
 
 def unknown_errors(
-    groups: int,
-    shape: float,
-    power: int,
-    data: int,
-    mean: float,
-    low: float,
-    high: float,
+    groups: int, shape: float, power: int, data: int, mean: float, ends: Any
 ) -> Target:
     """Return a mean and an error of each group: its variance, or sd (power 2)."""
 
@@ -272,7 +259,7 @@ def unknown_errors(
         m = rng.normal(size=(n, groups)) * np.sqrt(variance / data)
         return np.stack([m, variance ** (1 / power)], axis=2).reshape(n, -1)
 
-    return Target(log_density, draw, np.array([[-mean, mean], [low, high]] * groups))
+    return Target(log_density, draw, np.array([[-mean, mean], ends] * groups))
 
 
 def skewed(d: int = 4, shape: float = 1.5) -> Target:
@@ -297,9 +284,8 @@ def arm(d: int, share: float, scale: float, bend: float, sides: int = 1) -> Targ
     signs = np.resize([1.0, -1.0], d - 1)
 
     def law(t: Floats) -> Floats:
-        tail = sum(
-            stats.expon.pdf(side * t - 3.0, scale=scale) for side in (-1, 1)[:sides]
-        )
+        beyond = [-t - 3.0, t - 3.0][:sides]
+        tail = sum(stats.expon.pdf(u, scale=scale) for u in beyond)
         return np.log((1 - share) * stats.norm.pdf(t) + share * tail / sides)
 
     def place(t: Floats) -> tuple[Floats, Floats]:
@@ -325,7 +311,6 @@ def arm(d: int, share: float, scale: float, bend: float, sides: int = 1) -> Targ
 
 def lobe(d: int = 4, share: float = 0.1, depth: float = 0.02) -> Target:
     """Return a Gaussian inside, and a wide lobe pressed against a bound."""
-    wide = 2.0
 
     def parts(x: Floats) -> Floats:
         inner = stats.norm.logpdf(x[:, 0], 4.0, 1.0)
@@ -333,7 +318,7 @@ def lobe(d: int = 4, share: float = 0.1, depth: float = 0.02) -> Target:
         rest = x[:, 1:]
         return np.array([
             np.log(1 - share) + inner + stats.norm.logpdf(rest).sum(axis=1),
-            np.log(share) + outer + stats.norm.logpdf(rest, 1, wide).sum(axis=1),
+            np.log(share) + outer + stats.norm.logpdf(rest, 1, 2).sum(axis=1),
         ])  # fmt: skip
 
     def draw(rng: np.random.Generator, n: int) -> Floats:
@@ -341,7 +326,7 @@ def lobe(d: int = 4, share: float = 0.1, depth: float = 0.02) -> Target:
         x[:, 0] += 4.0
         out = rng.random(n) < share
         x[out, 0] = rng.exponential(depth, out.sum())
-        x[out, 1:] = 1 + wide * x[out, 1:]
+        x[out, 1:] = 1 + 2 * x[out, 1:]
         return x
 
     limits = box(d, -15, 15)
@@ -425,7 +410,7 @@ TARGETS: dict[str, Callable[[], Target]] = {
     "condition 1e4, d=50": lambda: turned(50),
     "condition 1e4, d=100": lambda: turned(100),
     "1e-4 of the prior, d=4": lambda: correlated(0.5, 3e-5, box(4, 0, 1), 1 / 3),
-    "unknown noise": lambda: unknown_errors(2, 3.0, 1, 5, 30, 1e-6, 200),
+    "unknown noise": lambda: unknown_errors(2, 3.0, 1, 5, 30, (1e-6, 200)),
 }
 FRESH: dict[str, Callable[[], Target]] = {
     "unequal, d=5, width .15": lambda: unequal(5, 6.0, 0.3, 0.15),
@@ -447,13 +432,13 @@ BELIEVED: dict[str, Callable[[], Target]] = {
     "lobe at a bound, d=4": lobe,
     "crossed, d=6": lambda: crossed(6, 1.5, 0.2, (0.7, 0.3)),
     "beside, d=3": lambda: gaussians([0.75, 0.25], *BESIDE, box(3, -9, 9)),
-    "inferred errors, d=4": lambda: unknown_errors(2, 2.5, 2, 4, 40, 1e-3, 40),
+    "inferred errors, d=4": lambda: unknown_errors(2, 2.5, 2, 4, 40, (1e-3, 40)),
     "ring of four": lambda: bent_ring(4, 4.0, 0.25),
     "corner, d=5": lambda: corner(0.1 * np.geomspace(1, 1 / 30, 5), 2),
     "lognormal, d=4": lambda: lognormal(4, 0.8),
     "arc, width .08": lambda: bent_ring(2, 5.0, 0.08, 2.0),
     "arm, d=4": lambda: arm(4, 0.02, 3.0, 0.2),
     "three crossed, d=6": lambda: crossed(6, 1.2, 0.3, (0.5, 0.3, 0.2)),
-    "inferred errors, d=6": lambda: unknown_errors(3, 3.0, 2, 4, 30, 1e-3, 30),
+    "inferred errors, d=6": lambda: unknown_errors(3, 3.0, 2, 4, 30, (1e-3, 30)),
     "common scale, d=5": shrunk,
 }

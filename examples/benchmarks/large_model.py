@@ -1,11 +1,10 @@
 """What a large solid costs: to factor, to solve, to reduce; SuperLU beside PARDISO.
 
-A concrete block, 6 m by 8 m and 24 m high, of 8-node bricks, fixed at its foot. The
-moduli of its four quarters, one above the other, are unknown between half and one and
-a half times their value. Six modes are wanted, and reduced to a relative frequency
-error of 1e-4. Every row is a process of its own, so that the memory is its peak.
-PARDISO takes part if it is installed: ``pip install 'emcee_femu[pardiso]'``. The
-reduction is left out if a solve takes more than 100 s.
+A concrete block of 8-node bricks, fixed at its foot. The moduli of its four quarters,
+one above the other, are unknown. Six modes are wanted, and reduced to a relative
+frequency error of 1e-4, unless a solve takes more than 100 s. Every row is a process of
+its own, so that the memory is its peak. PARDISO takes part if it is installed:
+``pip install 'emcee_femu[pardiso]'``.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/large_model.py
 """

@@ -94,9 +94,8 @@ for move, share in run.moves:
 # is good, as with most of 14 parameters at their bounds, each starts from its own
 # annealed population.
 #
-# Climbs, annealing and second attempts stop when the search has spent what it may. The
-# number, and the seconds estimated from the first solve, are logged before the search
-# begins; `run(..., progress=True)` shows a bar.
+# Climbs, annealing and second attempts stop when the search has spent what it may
+# ({doc}`/start/choose`).
 #
 # ## What is on record
 #
@@ -111,10 +110,8 @@ print("their standard errors:", np.round(search.errors, 3))
 ef.diagnose(run)
 
 # %% [markdown]
-# A mode that no point of the search hit is not in the proposal; the statement on the
-# search says how small it may be. `steps=` of a longer run searches more, and so do
-# starts of your own (`starts=`). The chain holds no part of the search, so that nothing
-# needs to be discarded:
+# A mode that no point of the search hit is not in the proposal. The chain holds no part
+# of the search, so that nothing needs to be discarded:
 
 # %%
 chain = run[0].get_chain().shape
@@ -157,36 +154,8 @@ idata = ef.to_inference_data(run)  # no discard
 # | `proposals.HELD_BY_TERMS` | 0.08 | 1.04 | 10 | 0 | 1.01 | 10 | 0 |
 # | `proposals.RELEVANT` | 8 | 0.97 | 10 | 0 | 1.04 | 10 | 0 |
 #
-# ````{dropdown} 66 numbers that change solves by 3 % at most, and no verdict
-# run.py: `LOOK_FURTHER`; auto.py: `CHAIN_BUDGET`, `LAST_ROUND`, `SCREENED`,
-# `TAIL_ROUNDS`, `SLABS_PER_ROUND`, `TAIL_SOLVES`, `SCREENED_SHARE`; search.py:
-# `UNEXPLAINED`, `WAY_POINTS`, `TESTED`, `SHARE_TESTED`, `CLIMBED_SHARE`,
-# `CLIMBED_AT_ONCE`, `MOST_SCANS`; record.py: `MODES_APART`, `JUMPS`;
-# response_surface.py: `SOLVES_PER_TERM`, `SURFACE_ROUNDS`, `SURFACE_SOLVES`, `CHEAP`,
-# `SURFACE_STEPS`, `SURFACE_THIN`, `SURFACE_KEPT`, `INDEPENDENT`,
-# `SURFACE_TEMPERATURES`, `FITS`, `DF`, `WEIGHED_LEVEL`, `LEAST_WEIGHT`; tails.py:
-# `TAIL_SHARE`, `TAIL_WIDTH`, `TAIL_MATTERS`, `WELL_SEEN`, `SEEN`, `TAIL_PART`,
-# `WIDEST`, `STRETCHED`; climbing.py: `WORTH_A_STEP`, `GAIN_ACCEPTED`, `GAIN_POOR`,
-# `GAIN_GOOD`, `SHORTER`, `LONGER`, `SAME`; curvature.py: `EXACT`, `USABLE`,
-# `FIRST_OFFSET`, `OFFSET`, `MOST_OFFSET`; quadratic.py: `LEAST_CURVATURE`, `BOX_DRAWS`,
-# `FAR_BOUND`; proposals.py: `REFINING_ROUNDS`, `GOOD_SHARE`, `HIGH_SHARE`, `FAIR_K`,
-# `NEW_WEIGHT`, `STRESSED`, `MOST_ADDED`, `TERMS`, `CARRIER_WEIGHT`, `CARRIER_LACK`,
-# `CARRIER_RIDGE`, `CARRYING_ROUNDS`; importance.py: `FAIR_SHARE`.
-# ````
-#
-# ````{dropdown} 41 numbers that change none of these runs
-# run.py: `FIRST_STEPS`, `SIZED_BY`; auto.py: `FEWEST_SEARCHED`, `REFINED`,
-# `MOST_QUADRATIC`, `MOST_SCREENED`, `POPULATION`, `POPULATION_DF`,
-# `POOR_ACCEPTANCE`, `TUNED`, `TUNING`, `CLIMBED_AT_LEAST`, `EVIDENCE_MISSED`,
-# `SHARE_BESIDE_HAMILTONIAN`; search.py: `VALLEY`, `MOST_CLIMBS`, `NEGLIGIBLE`;
-# record.py: `HAMILTONIAN`; response_surface.py: `LEARNED`, `MOST_TERMS`,
-# `MOST_FIRST_DRAWS`; anneal.py: `MOST_FINITE_DRAWS`, `RENEWED`, `MOST_SWEEPS`,
-# `MOST_ANNEALED`, `PER_COMPONENT`; tails.py: `MOST_SLABS`, `AGREE`,
-# `DRAWS_PER_DIMENSION`; climbing.py: `NOISE_OF_TOP`, `MOST_STEPS`, `SADDLE`,
-# `VANISHING`; curvature.py: `GRAINED_FIRST`, `GRAINED_OFFSET`, `MOST_GRAINED`;
-# proposals.py: `MOST_REFINED`, `CARRIES`, `FEWEST_OF_KURTOSIS`;
-# importance.py: `GOOD_K`, `PAIRED`.
-# ````
+# Of the other 107 numbers, 41 change none of these runs; 66 change solves by 3 % at
+# most, and no verdict.
 #
 # No number is on an edge. Of 252 changes, 248 leave all ten runs converged and right.
 # `FRUITLESS` halved or `UNTESTED` doubled makes the two equal: the search ends before
@@ -194,15 +163,13 @@ idata = ef.to_inference_data(run)  # no discard
 # the ridge without a response surface, and with `DFS` doubled no tail is heavy enough
 # for Student's t: both spend all 120,000 solves.
 #
-# Solves change by about a tenth or more with eight numbers. A smaller search is cheaper
-# (`SIZED_FOR`, `SEARCHED_BARE`, `SEARCHED_SHARE`), but none of these targets hides a
-# narrow mode that it would miss. A few percent are chance: other random numbers do as
-# much. So the table says which numbers matter, not which values are best.
+# A smaller search is cheaper (`SIZED_FOR`, `SEARCHED_BARE`, `SEARCHED_SHARE`), but none
+# of these targets hides a narrow mode that it would miss. A few percent are chance. So
+# the table says which numbers matter, not which values are best.
 #
 # Of the 41 numbers that change nothing here, 24 change something in cases of the tests:
 # few solves or few steps, annealing, gradients, ten storeys, or a solver that prints
-# few digits. Of the other 17 this was not seen; most are limits that no run reached. Two
-# more, of which it was not seen either, are gone.
+# few digits. Most of the other 17 are limits that no run reached.
 
 # %% tags=["remove-cell"]
 names = [type(move).__name__ for move, _ in run.moves]

@@ -1,10 +1,9 @@
 # %% [markdown]
 # # DE-MC, and why not all walkers may move at once
 #
-# This page explains what the paper's sampler does, where its factor $2.38 / \sqrt{2d}$
-# comes from, and what the small noise is for. It also shows why half of the walkers
-# stand still while the others move: a program that moves all of them at once gives
-# wrong variances. `python examples/explanation/de_mc.py` runs the page (6 s).
+# What the paper's sampler does, where its factor $2.38 / \sqrt{2d}$ comes from, and why
+# half of the walkers stand still while the others move: to move all at once gives wrong
+# variances. `python examples/explanation/de_mc.py` runs the page (6 s).
 #
 # ## The proposal
 #
@@ -51,12 +50,10 @@ figure
 # 1997). The difference of two independent walkers has covariance $2 \Sigma$. Equating
 # $2 \gamma^2 \Sigma$ with the former gives $\gamma = 2.38 / \sqrt{2 d}$.
 #
-# With it, about a third of the proposals are accepted in few dimensions, about a quarter
-# in many.
-#
-# The rule is for one mode that is nearly Gaussian. Between modes a step must be as long
-# as the distance of two walkers in them: $\gamma = 1$, which `mode_jump=0.1` of
-# {py:class}`~emcee_femu.DEMCMove` uses for one walker in ten.
+# With it, about a third of the proposals are accepted in few dimensions, about a
+# quarter in many. The rule is for one mode that is nearly Gaussian. Between modes a
+# step must be as long as the distance of two walkers in them: $\gamma = 1$, which
+# `mode_jump=0.1` of {py:class}`~emcee_femu.DEMCMove` uses for one walker in ten.
 #
 # ## What the noise is for
 #
@@ -66,9 +63,8 @@ figure
 # hundredth of the spread of the walkers at rest, for each parameter by itself, so areas
 # of 1e-4 and stiffnesses of 1e10 can stand side by side.
 #
-# The stock `emcee.moves.DEMove` has no such noise, only a jitter of gamma, which stays
-# in the plane too. A parameter in which all walkers agree to the last digit gets no
-# noise by default; give `sigma` if you start like that.
+# A jitter of gamma, as in `emcee.moves.DEMove`, stays in the plane too. A parameter in
+# which all walkers agree to the last digit gets no noise by default: give `sigma`.
 #
 # ## Why the target is preserved
 #
@@ -78,12 +74,11 @@ figure
 # there. So Metropolis' rule preserves the joint density (detailed balance), exactly and
 # for any $N$. It is not an approximation for many walkers.
 #
-# The paper moves one walker after the other, in step 4 of its algorithm. Such a loop is
-# slow, and its FE solves cannot run in parallel. It is tempting to compute all $N$
-# proposals from the present generation and to accept each by itself, and some programs
-# do. But then $\theta_a$ and $\theta_b$ move in the same step as $\theta_i$: to come
-# back, walker $i$ would need the difference of their *new* places. The way back is not
-# proposed as often, and the joint density is not preserved.
+# The paper moves one walker after the other, so its FE solves cannot run in parallel.
+# It is tempting to compute all $N$ proposals from the present generation and to accept
+# each by itself, and some programs do. But then $\theta_a$ and $\theta_b$ move in the
+# same step as $\theta_i$: to come back, walker $i$ would need the difference of their
+# *new* places. The way back is not proposed as often: the joint density changes.
 #
 # `DEMCMove` splits the walkers into two halves and moves one half while the other, its
 # guides, stands still. So detailed balance holds, and a whole half is one batch of
@@ -91,9 +86,8 @@ figure
 #
 # ## Exact start: how wrong is it?
 #
-# Draw many ensembles from a Gaussian of variance 1 in three dimensions, so that every
-# walker has the right distribution from the beginning, and move them. A correct move
-# keeps the variance at 1 at every step. First the wrong move, on all ensembles at once:
+# Draw many ensembles from a Gaussian of variance 1 in three dimensions, and move them.
+# A correct move keeps the variance at 1. First the wrong move:
 
 
 # %%
@@ -166,11 +160,8 @@ print(f"\n10 walkers, 5 parameters, all at once: {paper[0]:.3f} +- {paper[1]:.3f
 # it is far too small, and more steps make it worse. The error shrinks with the number of
 # walkers; from 4 $d$ on it is hardly visible, which is why the mistake has survived in
 # programs. With 2 $d$ walkers, the usual number and that of the paper, variances are a
-# few percent too small.
-#
-# `pytest -m "slow or not slow"
-# tests/moves/test_moves_law.py` is the same test for all moves of the package, with
-# deliberately broken moves that must fail it.
+# few percent too small. `pytest -m "slow or not slow" tests/moves/test_moves_law.py` is
+# the same test for all moves of the package, with broken moves that must fail it.
 #
 # Sources: the paper's Eqs. 3.2 and 3.3; ter Braak (2006),
 # [doi:10.1007/s11222-006-8769-1](https://doi.org/10.1007/s11222-006-8769-1); ter Braak

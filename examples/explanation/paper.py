@@ -28,13 +28,11 @@ from emcee_femu.table import Table
 
 
 def frequencies(problem, parameters):
-    """Return the model's frequencies."""
     at = {name: np.array([value]) for name, value in parameters.items()}
     return problem.model(at).frequencies[0]
 
 
 def tabulate(rows, decimals):
-    """Return a table of frequencies."""
     title = "Frequencies in Hz: printed, and of the model at printed parameters"
     names = [f"f{i}" for i in range(1, 6)]
     return Table(title, ("row", *names), ("", *[decimals] * 5), tuple(rows))
@@ -79,9 +77,9 @@ ef.frequency_table(idata, springs.posterior, printed.frequencies)
 #
 # - The published means differ from ours by less than a third of a posterior standard
 #   deviation.
-# - The posterior is not Gaussian: a lobe at k4 < 1980 N/m holds 2.8 % of the mass (by
-#   `ef.run(springs.posterior, nwalkers=40, steps=4_000, seed=1)`) and widens k4; a short
-#   chain misses it. Hence the published c.o.v. of k4.
+# - A lobe at k4 < 1980 N/m holds 2.8 % of the mass (by
+#   `ef.run(springs.posterior, nwalkers=40, steps=4_000, seed=1)`) and widens k4; a
+#   short chain misses it. Hence the published c.o.v. of k4.
 #
 # Figure 4.2, samples with the ellipses that hold 95 %; true values in blue:
 
@@ -190,8 +188,7 @@ ef.figures.plot_scatter(sharp)
 #   has not spread reports the smallest ([comparing
 #   moves](../tutorials/comparing_moves.py) shows it).
 # - The text of section 5 calls the measured frequencies of Table 5.2 the initial ones;
-#   the errors agree with the table. Equation 2.2 divides by the measured frequency, as
-#   its text does not say; the errors of the tables do.
+#   the errors agree with the table.
 #
 # If all other parameters were known exactly, the remaining standard deviation of one
 # would be $F_{jj}^{-1/2}$, where $F$ is the information of data and prior. If the
@@ -202,19 +199,15 @@ ef.figures.plot_scatter(sharp)
 centre = means["paper DE-MC"]
 information = frame.posterior.linearize(centre).information[0]
 floor = 100 / np.sqrt(np.diag(information)) / centre
-cov_printed = means["c.o.v. % "]
-columns = zip(names, floor, cov_printed, means["c.o.v. %  "], strict=True)
-Table(
-    "The H: c.o.v. in percent",
-    ("parameter", "floor", "published DE-MC", "published M-H"),
-    ("", "#.3g", "#.3g", "#.3g"),
-    tuple(columns),
-)
+columns = {"floor": floor, "published DE-MC": means["c.o.v. % "]}
+columns |= {"published M-H": means["c.o.v. %  "]}
+columns = [(title, "#.3g", column) for title, column in columns.items()]
+Table.from_columns("The H: c.o.v. in percent", [("parameter", "", names), *columns])
 
 # %% [markdown]
-# For the 0.026 % of A3 the errors of the frequencies would have to be 60 times smaller.
-# The printed c.o.v. of the frequencies would then be impossible: no $\beta$ gives both.
-# Such numbers come from a population that has not spread.
+# For the 0.026 % of A3 the errors of the frequencies would have to be 60 times smaller,
+# which their printed c.o.v. excludes. Such numbers come from a population that has not
+# spread.
 #
 # ### The order of the modes
 #
@@ -242,16 +235,13 @@ truth = frequencies(springs, springs.target)
 np.testing.assert_allclose(truth, springs.measured, atol=6e-4)
 nominal = frequencies(springs, springs.nominal)
 assert np.abs(nominal - springs.measured).max() > 0.004
-ours = np.array(parameters.column("mean"))
-cv = np.array(parameters.column("c.o.v. %"))
-theirs = np.array(parameters.column("paper mean"))
+titles = "mean", "c.o.v. %", "paper mean"
+ours, cv, theirs = (np.array(parameters.column(title)) for title in titles)
 assert (np.abs(ours - theirs) < 0.5 * cv / 100 * ours).all()
-long_run = np.array([1.06, 1.87, 2.72, 2.46, 2.00])
-np.testing.assert_allclose(cv, long_run, rtol=0.25)
-np.testing.assert_allclose(
-    mean10 / unit, [2.73, 2.74, 2.70, 3.19, 3.12, 3.13], rtol=0.08
-)
+np.testing.assert_allclose(cv, [1.06, 1.87, 2.72, 2.46, 2.00], rtol=0.25)  # long run
+expected = [2.73, 2.74, 2.70, 3.19, 3.12, 3.13]
+np.testing.assert_allclose(mean10 / unit, expected, rtol=0.08)
 assert (cov10 > 30).all()
 np.testing.assert_allclose(mean[3:] / unit[3:], [3.86, 2.07, 2.86], rtol=0.02)
 np.testing.assert_allclose(cov, [35.9, 4.41, 29.4, 1.84, 2.21, 2.8], rtol=0.25)
-assert cov_printed[5] < 0.03 * floor[5] and 0.55 < switched < 0.67
+assert means["c.o.v. % "][5] < 0.03 * floor[5] and 0.55 < switched < 0.67

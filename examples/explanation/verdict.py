@@ -5,10 +5,8 @@
 # why R-hat over walkers is not convergence, what to do about a complaint, and what no
 # diagnosis can see. `python examples/explanation/verdict.py` runs the page (10 s).
 #
-# `diagnose(run)` ends in three statements, each with a status of its own. *Chains*: did
-# they converge, by which number, and how many steps does it take? *Search*: what was
-# found, and how small a mode may be missing? *Fit*: is the measurement inside the
-# posterior predictive? Chains of a wrong model converge too, so look at all three.
+# `diagnose(run)` ends in three statements, on the chains, the search and the fit, each
+# with a status of its own. Chains of a wrong model converge too, so look at all three.
 #
 # The example is a simulated two-storey frame with a soft lower or a soft upper storey,
 # which have the same two frequencies (Beck and Au 2002): two modes far apart.
@@ -22,13 +20,11 @@ import numpy as np
 import emcee_femu as ef
 
 lower, upper = np.diag([29.7e6, 0.0]), 29.7e6 * np.array([[1.0, -1.0], [-1.0, 1.0]])
-model = ef.MatrixModel(
-    np.zeros((2, 2)), np.diag([16.5e3, 16.1e3]), {"x1": lower, "x2": upper}, n_modes=2
-)
+K, M = {"x1": lower, "x2": upper}, np.diag([16.5e3, 16.1e3])
+model = ef.MatrixModel(np.zeros((2, 2)), M, K, n_modes=2)
 term = ef.FrequencyTerm([3.13, 9.83], relative_sd=0.01)
-prior = ef.GaussianPrior(
-    ["x1", "x2"], [1.2, 0.6], [0.6, 0.3], bounds=[(0.1, 3.0), (0.05, 1.5)]
-)
+bounds = [(0.1, 3.0), (0.05, 1.5)]
+prior = ef.GaussianPrior([*K], [1.2, 0.6], [0.6, 0.3], bounds)
 posterior = ef.LogPosterior(model, term, prior)
 run = ef.run(posterior, seed=1)
 good = ef.diagnose(run)
@@ -79,11 +75,10 @@ maxima = np.array([m.theta for m in ef.find_map(posterior, seed=1).maxima])
 ball = 0.005 * np.random.default_rng(1).standard_normal((4, 8, 2))
 same, own = maxima[[0, 0, 0, 0], None] + ball, maxima[[0, 1, 1, 0], None] + ball
 both = maxima[[0, 1] * 4] + ball  # of the walkers of each ensemble
+small = ef.MetropolisMove(sd=0.04)
 settings = {
     "60 steps": dict(steps=60, starts=same),
-    "walkers in both modes": dict(
-        moves=ef.MetropolisMove(sd=0.04), steps=2_000, starts=both
-    ),
+    "walkers in both modes": dict(steps=2_000, starts=both, moves=small),
     "each in its own mode": dict(steps=800, starts=own),
     "all in one mode": dict(steps=800, starts=same),
     "one ensemble in one mode": dict(steps=800, starts=same[0], ensembles=1),
@@ -101,9 +96,8 @@ for title, setting in settings.items():
 # walkers, and reports half of the posterior with full confidence. They disagree only
 # when they are compared. If all are in the same mode, they agree in every number and are
 # all wrong. No diagnosis of chains detects this, but the statement says that the starts
-# were given.
-# Without `starts` they are drawn from the prior, further apart than the posterior is
-# wide, as R-hat needs. The dotted density of $x_1$ below is by quadrature:
+# were given. Without `starts` they are drawn from the prior, further apart than the
+# posterior is wide, as R-hat needs. The dotted density of $x_1$ is by quadrature:
 
 # %% mystnb={"image": {"alt": "Left: four histograms of x1, two at each of two separated peaks. Right: four histograms that all follow both peaks of the exact density"}}
 x1, x2 = np.linspace(0.1, 3.0, 300), np.linspace(0.05, 1.5, 300)
@@ -146,21 +140,18 @@ figure
 # ## Search: what no diagnosis sees
 #
 # No diagnosis sees what neither a search nor a walker has visited. The search of
-# `"auto"` evaluates 2,000 points (of a bare log-likelihood 10,000); with `steps=`, a
-# fifth as many as the chain has evaluations, at least 1,000 (of a bare log-likelihood as
-# many as the chain, up to 10,000). Half of them are draws of the prior, half about the
-# modes found. It may miss a mode if the region from which a climb would lead there is
-# too small. This is so if the region holds less than about 3 / points both of the prior
-# and of the surroundings of the found modes. (Where 3 hits are expected, the chance of
-# none is 5 %.) The statement says how small that is:
+# `"auto"` ([how many points, and where](auto.py)) may miss a mode if the region from
+# which a climb would lead there is too small: if it holds less than about 3 / points
+# both of the prior and of the surroundings of the found modes. (Where 3 hits are
+# expected, the chance of none is 5 %.) The statement says how small that is:
 
 # %%
 points = good.modes.searched
 print(f"{points} points: a region of {3 / points:.1e} may be missed")
 
 # %% [markdown]
-# Longer runs by `steps=` search more. Other remedies are other seeds, your own starts
-# (`starts=`, which are searched too), and [tempering](../how_to/tempering.py).
+# Remedies are a longer run by `steps=`, other seeds, your own starts (`starts=`, which
+# are searched too), and [tempering](../how_to/tempering.py).
 #
 # ## Fit: the right posterior of a wrong model
 #
@@ -171,10 +162,11 @@ print(f"{points} points: a region of {3 / points:.1e} may be missed")
 # samples; modes of the structure have changed places since the prior mean, by the
 # model's own shapes, while frequencies are compared in ascending order; or there was a
 # warning before the run), "at a bound" (a parameter is pressed against one), "does not
-# fit", or "not checked" if data or posterior are unknown, as for plain samplers. One of five values outside its 95 % interval is no cause for alarm. Two
-# are, and so is a single one at four standard deviations. An inferred error more than
-# two prior standard deviations above its prior mean counts as "does not fit" too. Here
-# are the same frequencies in rad/s, a mistake that chains cannot show:
+# fit" (which includes an inferred error more than two prior standard deviations above
+# its prior mean), or "not checked" if data or posterior are unknown, as for plain
+# samplers. One of five values outside its 95 % interval is no cause for alarm. Two are,
+# and so is a single one at four standard deviations. Here are the same frequencies in
+# rad/s, a mistake that chains cannot show:
 
 # %%
 import warnings
@@ -183,17 +175,15 @@ in_rad = ef.FrequencyTerm(2 * np.pi * np.array([3.13, 9.83]), relative_sd=0.01)
 with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
     wrong = ef.run(ef.LogPosterior(model, in_rad, prior), steps=100, seed=1)
-doubt = str(caught[0].message)
 unfit = ef.diagnose(wrong).fit
-print(fill(f"Warning: {doubt}", 80), fill(f"Fit: {unfit.sentence}", 80), sep="\n\n")
+said = f"Warning: {caught[0].message}", f"Fit: {unfit.sentence}"
+print(*(fill(sentence, 80) for sentence in said), sep="\n\n")
 
 # %% [markdown]
-# The warning comes before any sampling: `run` solves the model at the prior mean. If
-# all values of a variable are off to the same side, in the median by more than a factor
-# of 3, there and at 16 draws of the prior, the warning names both numbers. The statement
+# The warning comes before any sampling ({doc}`/start/choose` says when). The statement
 # on the fit names one remedy: units, known standard deviations, or an inferred model
-# error. How often "converged" was right on targets with known answers is on the page
-# [How often is a converged run right?](calibration.md).
+# error. How often "converged" was right is on the page [How often is a converged run
+# right?](calibration.md).
 #
 # Sources: Beck and Au (2002),
 # [doi:10.1061/(ASCE)0733-9399(2002)128:4(380)](https://doi.org/10.1061/(ASCE)0733-9399(2002)128:4(380));
@@ -202,13 +192,9 @@ print(fill(f"Warning: {doubt}", 80), fill(f"Fit: {unfit.sentence}", 80), sep="\n
 # %% tags=["remove-cell"]
 assert good.converged and len(good.modes.importance) == 2
 assert good.search.status == "searched" and good.fit.status == "fits"
-assert "rad/s" in doubt and unfit.status == "does not fit"
-assert "rad/s" in unfit.sentence
-assert shorts["60 steps"] == "too short"
-assert shorts["walkers in both modes"] == "walkers stay apart"
-assert shorts["each in its own mode"] == "ensembles disagree"
-assert shorts["all in one mode"] == "starts given"
-assert shorts["one ensemble in one mode"] == "one ensemble"
+assert unfit.status == "does not fit" and all("rad/s" in s for s in said)
+expected = ["too short", "walkers stay apart", "ensembles disagree", "starts given"]
+assert [*shorts.values()] == [*expected, "one ensemble"]
 exact = density[x1 < 1].sum() * (x1[1] - x1[0])
 assert abs(exact - 0.513) < 0.002
 for sampler in run:

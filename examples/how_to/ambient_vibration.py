@@ -29,15 +29,10 @@ DELTA = 0.01  # of a shape of unit length
 
 
 def load_pyoma2():
-    try:
-        from pyoma2.algorithms import SSI
-        from pyoma2.functions.gen import example_data
-        from pyoma2.setup import SingleSetup
-    except ImportError as error:
-        raise ImportError(
-            f"pyOMA2 does not import ({error}). If it is not installed: "
-            'pip install "emcee_femu[oma]" (on PyPI it is pyOMA_2, not PyOMA)'
-        ) from error
+    from pyoma2.algorithms import SSI  # on PyPI it is pyOMA_2, not PyOMA
+    from pyoma2.functions.gen import example_data
+    from pyoma2.setup import SingleSetup
+
     logging.getLogger("pyoma2").setLevel(logging.WARNING)  # tells every step
     return SSI, SingleSetup, example_data
 
@@ -94,9 +89,7 @@ if __name__ == "__main__":
 def posterior(measured):  # of the storeys' stiffnesses k1 (ground) to k5
     # Channel and node 1 are the roof, 5 the first floor; k1 is on the ground.
     nodes = [0, *range(FLOORS, 0, -1)]
-    springs = {}
-    for i in range(FLOORS):
-        springs[f"k{i + 1}"] = (nodes[i], nodes[i + 1], 1.2 * TRUTH)
+    springs = {f"k{i}": (nodes[i - 1], nodes[i], 1.2 * TRUTH) for i in nodes[:0:-1]}
     stiffness = stats.lognorm(0.3, scale=1.2 * TRUTH)
     return ef.LogPosterior(
         ef.MassSpringModel([MASS] * FLOORS, springs, shapes=True),
@@ -106,8 +99,8 @@ def posterior(measured):  # of the storeys' stiffnesses k1 (ground) to k5
 
 
 # %% [markdown]
-# A real structure deviates from its model by more than 0.2 % in frequency; then use the
-# term `FrequencyTerm(measured, discrepancy="model error")`.
+# A real structure deviates from its model by more than 0.2 % in frequency: use
+# `FrequencyTerm(measured, discrepancy="model error")`.
 
 # %%
 if __name__ == "__main__":

@@ -27,10 +27,8 @@ if "__file__" in globals():  # as a script: the driver is in the folder above
 import itertools
 import tempfile
 import textwrap
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from calculix_program import find_command, finished_job, read_frequencies
@@ -54,7 +52,7 @@ EDGES = "01 12 23 30 45 56 67 74 04 15 26 37".split()
 # %% [markdown]
 # `calculix_program` is the driver, a file to copy beside your own script:
 # {download}`calculix_program.py <../../examples/calculix_program.py>`. {doc}`black_box`
-# and {doc}`failing_solves` explain its lines.
+# explains its lines.
 #
 # ````{dropdown} The driver: start the program, wait for it, end it
 # ```{literalinclude} ../../examples/calculix_program.py
@@ -81,7 +79,7 @@ EDGES = "01 12 23 30 45 56 67 74 04 15 26 37".split()
 
 
 # %%
-def deck(theta: Mapping[str, float], procedure: str = "*FREQUENCY") -> str:
+def deck(theta, procedure="*FREQUENCY"):
     """Return the input file for factors theta."""
     ranges = [range(2 * n + 1) for n in ELEMENTS]
     grid = itertools.product(*ranges)
@@ -125,27 +123,26 @@ def deck(theta: Mapping[str, float], procedure: str = "*FREQUENCY") -> str:
 
 
 # %%
-def solve(theta: Mapping[str, float], command: Any, scratch: Any) -> np.ndarray:
+def solve(theta, command, scratch):
     """Return the frequencies in Hz that CalculiX prints for factors theta."""
     with finished_job(deck(theta), command, scratch=scratch) as folder:
         printed = (folder / "job.dat").read_text(encoding="utf-8")
         return read_frequencies(printed, N_MODES)
 
 
-def export(theta: Mapping[str, float], command: Any, scratch: Any) -> Any:
+def export(theta, command, scratch):
     """Return the matrices that CalculiX writes for factors theta."""
     exporting = deck(theta, MATRICES)
     with finished_job(exporting, command, scratch=scratch) as folder:
         return ef.read_matrices(folder / "job.sti")
 
 
-def by_matrices(command: Any, scratch: Any) -> ef.MatrixModel:
+def by_matrices(command, scratch):
     """Return the model of five exports: factors 1, and each doubled in turn."""
     ones = dict.fromkeys(TRUTH, 1.0)
     base = export(ones, command, scratch)
-    doubled = {
-        name: {2.0: export({**ones, name: 2.0}, command, scratch)} for name in TRUTH
-    }
+    changed = {name: {**ones, name: 2.0} for name in TRUTH}
+    doubled = {k: {2.0: export(p, command, scratch)} for k, p in changed.items()}
     return ef.MatrixModel.from_differences(base, doubled, n_modes=N_MODES)
 
 
@@ -174,13 +171,11 @@ if __name__ == "__main__":
     print(textwrap.fill(certificate.verdict, 80))
 
 # %% [markdown]
-# `emulate` stopped long before it had used all allowed solves: its true error was below
-# a tenth of the measurement error in two rounds.
+# `emulate` stopped long before it had used all allowed solves.
 #
 # ## (b) By its matrices
 #
-# Use another seed, since chains with the same random numbers would agree for that
-# reason alone.
+# The seed is another: chains with the same random numbers would agree for that reason.
 
 # %%
 if __name__ == "__main__":

@@ -1,10 +1,11 @@
 # %% [markdown]
-# # Read measured modes from a file
+# # Read measured modes
 #
 # Read the modes of a test into {py:class}`~emcee_femu.Measurements`, the one object
 # that terms and pairing take. They come from arrays, a CSV file that you fill in
-# yourself, a universal file of a test system, or an identification by pyOMA2.
-# `python examples/how_to/csv_and_uff.py` runs this page (2 s). Its numbers are made up.
+# yourself, a universal file of a test system, an identification by pyOMA2, or several
+# tests of one structure. `python examples/how_to/csv_and_uff.py` runs this page (2 s).
+# Its numbers are made up.
 #
 # ## From arrays
 #
@@ -17,6 +18,7 @@
 
 # %%
 import tempfile
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -24,13 +26,9 @@ import numpy as np
 import emcee_femu as ef
 
 folder = Path(tempfile.mkdtemp())
-test = ef.Measurements(
-    [2.35, 6.62],
-    sd=[0.01, 0.03],
-    shapes=[[1.0, -0.83], [0.45, 1.0]],
-    sensors=["roof", "floor 1"],
-    dofs=["3:uy", "1:uy"],
-)
+shapes = [[1.0, -0.83], [0.45, 1.0]]
+places = {"sensors": ["roof", "floor 1"], "dofs": ["3:uy", "1:uy"]}
+test = ef.Measurements([2.35, 6.62], sd=[0.01, 0.03], shapes=shapes, **places)
 test
 
 # %% [markdown]
@@ -77,9 +75,9 @@ read
 # %% tags=["hide-input"]
 import pyuff
 
-shapes = {2.35: [0.45, 0.83 + 0.02j, 1.0], 6.62: [1.0, 0.1 - 0.03j, -0.83]}
+modes = {2.35: [0.45, 0.83 + 0.02j, 1.0], 6.62: [1.0, 0.1 - 0.03j, -0.83]}
 nothing = np.zeros(3, dtype=complex)
-for number, (hertz, x) in enumerate(shapes.items()):
+for number, (hertz, x) in enumerate(modes.items()):
     mode = pyuff.prepare_55(
         id1="Test of a frame", analysis_type=3, data_ch=2, spec_data_type=8,
         data_type=5, n_data_per_node=3, load_case=1, mode_n=number + 1,
@@ -90,9 +88,8 @@ for number, (hertz, x) in enumerate(shapes.items()):
     pyuff.UFF(str(folder / "test.uff")).write_sets(mode, how)
 
 # %%
-from_uff = ef.Measurements.from_uff(
-    folder / "test.uff", sensors=["1:x", "2:x", "3:x"], dofs=[0, 1, 2]
-)
+nodes = {"sensors": ["1:x", "2:x", "3:x"], "dofs": [0, 1, 2]}
+from_uff = ef.Measurements.from_uff(folder / "test.uff", **nodes)
 from_uff
 
 # %% [markdown]
@@ -100,8 +97,7 @@ from_uff
 # those that are zero in all modes; a warning names them. `modes=[2, 3]` reads the second
 # and third mode of the file only. Frequencies are undamped and in Hz whatever the units
 # of the file, which holds no standard deviations: give them to the term,
-# `ef.FrequencyTerm(test, relative_sd=0.01)`, or repeat the test, see
-# {doc}`repeated_tests`.
+# `ef.FrequencyTerm(test, relative_sd=0.01)`, or repeat the test (below).
 #
 # Complex shapes are made real, each by the phase at which its real part is largest. The
 # column MPC, modal phase collinearity, says what this neglects: it is 1 if all sensors
@@ -110,7 +106,53 @@ from_uff
 # ## From pyOMA2
 #
 # `Measurements.from_pyoma2(algorithm.result)`: {doc}`ambient_vibration`. Frequency
-# response functions come from data sets 58, see {doc}`frf`.
+# response functions come from data sets 58: {doc}`frf`.
+#
+# ## From repeated tests
+#
+# Six tests of a frame on six days; the frequencies of a day rise and fall together,
+# since temperature changes all of them.
+
+# %%
+frequencies = [  # Hz, one row per test, one column per mode
+    [2.341, 6.601], [2.352, 6.644], [2.347, 6.615],
+    [2.361, 6.663], [2.339, 6.587], [2.355, 6.638],
+]  # fmt: skip
+repeats = [  # (n_tests, n_sensors, n_modes), of any scale and sign
+    [[1.00, -0.99], [0.74, 1.02]], [[1.01, -0.98], [0.75, 0.99]],
+    [[-0.99, -1.01], [-0.73, 1.00]], [[1.02, -0.99], [0.74, 0.98]],
+    [[1.00, -0.97], [0.76, 1.01]], [[0.98, 1.00], [0.75, -1.00]],
+]  # fmt: skip
+scattered = ef.Measurements.from_repeats(frequencies, repeats, **places)
+scattered
+
+# %%
+sd = np.sqrt(np.diag(scattered.covariance))
+(scattered.covariance / np.outer(sd, sd)).round(2)  # correlation of the two modes
+
+# %% [markdown]
+# The frequencies are the means, and the covariance is that *of one test*, not divided
+# by the number of tests. Errors that all tests share, from mounting, temperature or the
+# model, do not average out, and a posterior that shrinks as $1/\sqrt{N}$ would be
+# overconfident. If your tests are truly independent and of the same state, divide
+# yourself: `ef.Measurements(test.frequencies, covariance=test.covariance / 6)`. If the
+# structure changes, each test has its own posterior: {doc}`/tutorials/many_tests`.
+#
+# A full covariance needs more tests than modes. With fewer, `correlated=False` gives
+# one standard deviation per mode, for which two tests are enough. If a test missed a
+# mode, write `nan` for its frequency, also with `correlated=False`. Each test's shape
+# is scaled to unit length and given the sign of the others, real or complex; `shapes`
+# is the mean and `shape_sd` the scatter. `ef.FrequencyTerm(test)` uses the covariance,
+# and `ef.ShapeTerm(test)` the scatter, sensor by sensor. If the modes of a test are out
+# of order, its shapes reveal it:
+
+# %%
+try:
+    swapped = [*repeats[:5], [row[::-1] for row in repeats[5]]]
+    ef.Measurements.from_repeats(frequencies, swapped)
+except ValueError as error:
+    message = str(error)
+    print(textwrap.fill(message, 80))
 
 # %% tags=["remove-cell"]
 for name in ("frequencies", "sd", "shapes"):
@@ -119,3 +161,7 @@ assert read.sensors == test.sensors and list(read.dofs) == list(test.dofs)
 np.testing.assert_allclose(from_uff.frequencies, [2.35, 6.62], rtol=1e-6)
 assert (from_uff.phase_collinearity > 0.99).all()
 assert (from_uff.phase_collinearity < 1).all()
+np.testing.assert_allclose(scattered.covariance, np.cov(np.transpose(frequencies)))
+assert (scattered.covariance / np.outer(sd, sd))[0, 1] > 0.9  # they rise together
+np.testing.assert_allclose(np.linalg.norm(scattered.shapes, axis=0), 1, atol=1e-3)
+assert "mode 1 of test 6" in message

@@ -70,9 +70,8 @@ emulated
 # %% [markdown]
 # ## Without them
 #
-# For comparison, here are the same numbers as a plain variable under another name, with
-# a term that reads it. `emulate` takes these as they are, kinks included. (`deviations`
-# gives it the measurement errors.)
+# For comparison, here are the same numbers as a plain variable under another name,
+# which `emulate` takes as they are, kinks included:
 
 
 # %%
@@ -90,10 +89,10 @@ class SortedTerm:
         return -0.5 * ((r / sd) ** 2).sum(axis=1)
 
 
-numbers = ef.FunctionModel(
+lowest = ef.FunctionModel(
     lambda p: solve(p).frequencies[:2], variables=SortedTerm.reads
 )
-plain = ef.LogPosterior(numbers, SortedTerm(), prior)
+plain = ef.LogPosterior(lowest, SortedTerm(), prior)
 as_numbers = ef.emulate(plain, solves=16, seed=1, tolerance=0)
 
 # %% [markdown]
@@ -109,10 +108,9 @@ found = {
     "frequencies and shapes": emulated(draws).frequencies[:, :2],
 }
 errors = {name: (f / true - 1) / 0.01 for name, f in found.items()}
-for name, error in errors.items():
-    rms = np.sqrt((error**2).mean())
-    most = np.abs(error).max()
-    print(f"{name}: {rms:.2g} measurement errors (rms), {most:.2g} at most")
+rms = [np.sqrt((error**2).mean()) for error in errors.values()]
+for name, error in zip(errors, rms, strict=True):
+    print(f"{name}: {error:.2g} measurement errors (rms)")
 
 # %% [markdown]
 # Predictions are always real and in ascending order. Pairing with measured modes comes
@@ -125,10 +123,8 @@ for name, error in errors.items():
 # structure seven modes were as good as nine. Eight were worse, because the last ones
 # cross modes that are not returned (`examples/benchmarks/few_solves.py` has it).
 #
-# {doc}`/explanation/few_solves_measured` has whole problems, and says what the Gaussian
-# processes are.
+# {doc}`/explanation/few_solves_measured` has whole problems.
 
 # %% tags=["remove-cell"]
-rms = [np.sqrt((error**2).mean()) for error in errors.values()]
 assert emulated.solves == as_numbers.solves == 16
 assert rms[1] < 0.01 and rms[0] > 10 * rms[1]

@@ -52,14 +52,9 @@ H = true["accelerance"][0] @ [1, 1j]
 rng = np.random.default_rng(1)
 coherence = np.abs(H) ** 2 / (np.abs(H) ** 2 + 2e-4**2)
 noise = rng.standard_normal((2, *H.shape)) * np.sqrt((1 / coherence - 1) / 40)
-measured = ef.frf.FRFMeasurements(
-    LINES,
-    H + np.abs(H) * (noise[0] + 1j * noise[1]),
-    CHANNELS,
-    kind="accelerance",
-    coherence=coherence,
-    averages=20,
-)
+H = H + np.abs(H) * (noise[0] + 1j * noise[1])
+options = {"kind": "accelerance", "coherence": coherence, "averages": 20}
+measured = ef.frf.FRFMeasurements(LINES, H, CHANNELS, **options)
 
 # %% [markdown]
 # The error follows from the coherence c and the number of averages n: the real and the
@@ -68,10 +63,9 @@ measured = ef.frf.FRFMeasurements(
 #
 # ## The posterior
 #
-# {py:class}`~emcee_femu.frf.FRFTerm` compares real and imaginary parts.
-# `amplitude=True` compares the logarithm of the amplitude, for phases that are not
-# trusted. `discrepancy="name"` infers what the model cannot represent, relative to the
-# amplitude.
+# {py:class}`~emcee_femu.frf.FRFTerm` compares real and imaginary parts, or by
+# `amplitude=True` the logarithm of the amplitude. `discrepancy="name"` infers what the
+# model cannot represent, relative to the amplitude.
 
 # %%
 bounds = [(1e6, 3e6)] * 3 + [(0.001, 0.1)]
@@ -87,15 +81,14 @@ ef.frf.plot_frf(idata, posterior)
 
 # %% [markdown]
 # Most information is in the lines at the resonances: their place determines the
-# stiffness and their width the damping. A run needs no more lines than these.
+# stiffness and their width the damping.
 #
-# FRFs are large, so they are not stored with each sample; the natural frequencies and
-# damping ratios of the modes are. `stored=True` stores all.
+# FRFs are large, so they are not stored with each sample, but natural frequencies and
+# damping ratios are. `stored=True` stores all.
 #
 # **Limits.** Damping is modal, with real shapes: nonproportional damping needs complex
-# modes, which the package does not have. Coherence does not show leakage, where a window
-# cuts the decay, nor errors that all lines share ({doc}`/explanation/likelihoods`): use
-# `discrepancy`.
+# modes, which the package does not have. Coherence does not show leakage, nor errors
+# that all lines share ({doc}`/explanation/likelihoods`): use `discrepancy`.
 
 # %% tags=["remove-cell"]
 assert ef.diagnose(run).converged

@@ -19,10 +19,8 @@ names = [f"k{i}" for i in range(1, 11)]
 tower = {name: (i, i + 1, 100.0) for i, name in enumerate(names)}
 model = ef.MassSpringModel(np.ones(10), tower, shapes=range(1, 10, 2))
 test = model({"k4": np.array([70.0])})
-terms = [
-    ef.FrequencyTerm(test.frequencies[0, :5], relative_sd=0.01),
-    ef.ShapeTerm(test.shapes[0, :, :5], delta=0.03),
-]
+terms = [ef.FrequencyTerm(test.frequencies[0, :5], relative_sd=0.01)]
+terms += [ef.ShapeTerm(test.shapes[0, :, :5], delta=0.03)]
 prior = ef.GaussianPrior(names, np.full(10, 100.0), 25.0, [(10.0, 300.0)] * 10)
 posterior = ef.LogPosterior(model, terms, prior)
 
@@ -63,13 +61,11 @@ diagnosis
 
 # %% [markdown]
 # The chains are only called well mixed, since starts in one place see no other mode;
-# `find_map` looked for one. A step of the chain costs `steps` evaluations;
-# {py:func}`~emcee_femu.compare_moves` counts them in the same way. [Moves
+# `find_map` looked for one. A step of the chain costs `steps` evaluations. [Moves
 # measured](../explanation/moves_measured.md) has buildings of 20, 30 and 50 storeys.
 #
-# The move does not cross between modes: mix it with one that does. `"auto"` uses
-# Hamiltonian moves by itself if fewer than a fifth of its proposals would be accepted
-# and the models have `jacobian`.
+# The move does not cross between modes: mix it with one that does. [What "auto"
+# does](../explanation/auto.py) says when it uses Hamiltonian moves by itself.
 
 # %% tags=["remove-cell"]
 assert diagnosis.rhat_between.max() < 1.05

@@ -6,10 +6,7 @@
 # thousands of parameter sets without the program. `python examples/how_to/matrices.py`
 # runs this page (2 s). Its numbers are made up.
 #
-# {py:func}`~emcee_femu.read_matrices` reads what a program exports, and
-# {py:meth}`MatrixModel.from_differences <emcee_femu.MatrixModel.from_differences>`
-# makes the model from one export per parameter. {doc}`calculix` does so with the files of
-# a real program.
+# {doc}`calculix` does so with the files of a real program.
 #
 # ## What to export
 #
@@ -76,13 +73,10 @@ print(base.dofs("node 3 x"), base.dofs(["3:ux", "1:ux"]))
 test = ef.Measurements(
     [2.6, 8.2], sd=[0.02, 0.05], shapes=[[1.0, -0.8], [0.5, 1.0]], dofs=["3:ux", "1:ux"]
 )
-changed = {
-    2.0: ef.read_matrices({"K": folder / "K2.mtx", "dofs": rows}),
-    3.0: ef.read_matrices({"K": folder / "K3.mtx", "dofs": rows}),
-}
-model = ef.MatrixModel.from_differences(
-    base, {"columns": changed}, n_modes=3, shapes=base.sensors(test.dofs)
-)
+exports = {2.0: folder / "K2.mtx", 3.0: folder / "K3.mtx"}
+changed = {b: ef.read_matrices({"K": K, "dofs": rows}) for b, K in exports.items()}
+options = {"n_modes": 3, "shapes": base.sensors(test.dofs)}
+model = ef.MatrixModel.from_differences(base, {"columns": changed}, **options)
 paired = ef.PairedModel(model, test, candidates=3)
 paired({"columns": [0.6, 1.0]}).frequencies.round(3)  # two parameter sets
 
@@ -104,9 +98,7 @@ paired({"columns": [0.6, 1.0]}).frequencies.round(3)  # two parameter sets
 # acts. So export all digits, and make a large change: double the parameter.
 #
 # A model of a few hundred DOFs is faster with dense matrices (`base.K.toarray()`).
-# Models of thousands stay sparse; {py:func}`~emcee_femu.reduce_model` reduces them
-# ({doc}`/tutorials/large_models`). {doc}`calculix` goes from the program to the
-# posterior.
+# Models of thousands stay sparse and are reduced ({doc}`/tutorials/large_models`).
 #
 # ## What multiplies a matrix
 #

@@ -130,11 +130,9 @@ def frequencies(ops, theta):  # in Hz, by OpenSees
 # %% [markdown]
 # The measured frequencies are simulated: those of OpenSees at true factors, with 0.5 %
 # of noise. At these factors the model must have the same frequencies, which verifies
-# the split. A real structure also deviates from its model:
-# `ef.FrequencyTerm(..., discrepancy="model error")`, see
-# {doc}`/tutorials/noise_and_model_error`. The cell is inside
-# `if __name__ == "__main__":`, so that the functions above can be imported without
-# OpenSees.
+# the split. A real structure also deviates from its model
+# ({doc}`/tutorials/noise_and_model_error`). The cell is inside `if __name__ ==
+# "__main__":`, so that the functions above can be imported without OpenSees.
 
 # %%
 if __name__ == "__main__":

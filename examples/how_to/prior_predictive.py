@@ -36,7 +36,6 @@ tests = predict({"all": sum(storeys.values())})
 low, high = np.quantile(tests, [0.025, 0.975], axis=0)
 columns = [("mode", "d", [1, 2, 3]), ("measured Hz", ".2f", measured)]
 columns += [("prior's 2.5 %", ".2f", low), ("97.5 %", ".2f", high)]
-columns += [("% of draws below", ".0f", 100 * (tests < measured).mean(axis=0))]
 Table.from_columns("Predictions of the prior, 500 solves", columns)
 
 # %% [markdown]
@@ -60,14 +59,11 @@ shares = {name: share_farther(drawn) for name, drawn in both.items()}
 # %% mystnb={"image": {"alt": "Ratio of the second to the first frequency against the first: with one factor the predictions lie on a level line below the measured ratio, with a factor for each storey in a cloud around it"}}
 figure, panels = plt.subplots(1, 2, figsize=(8, 3.6), sharex=True, sharey=True)
 for axes, (name, drawn) in zip(panels, both.items(), strict=True):
-    first, second, _ = drawn.T
-    axes.plot(first, second / first, ".", alpha=0.5, label="predicted by the prior")
-    ratio = measured[1] / measured[0]
-    axes.plot(measured[0], ratio, "P", color="C3", ms=12, mec="white", label="measured")
+    axes.plot(drawn[:, 0], drawn[:, 1] / drawn[:, 0], ".", alpha=0.5)
+    axes.plot(measured[0], measured[1] / measured[0], "C3P", ms=12, mec="white")
     axes.set_title(f"{name}:\n{100 * shares[name]:.0f} % of draws are more unusual")
-    axes.set_xlabel("frequency 1 (Hz)")
+    axes.set_xlabel("frequency 1 (Hz); predicted blue, measured red")
 panels[0].set_ylabel("frequency 2 / frequency 1")
-panels[1].legend(frameon=False)
 figure.tight_layout()
 plt.close(figure)  # shown once, by the next line
 figure
@@ -85,8 +81,7 @@ figure
 # 3. Widen a prior only if it claimed more than you know, not until the test fits.
 #
 # A slow program affords fewer draws, say 50, or {doc}`its emulator
-# </tutorials/hundred_solves>` predicts in its place. The draws are in ArviZ's group
-# `prior_predictive`, beside the samples if you convert a run; ArviZ draws them by
+# </tutorials/hundred_solves>` predicts in its place. ArviZ draws the group by
 # `plot_ppc(idata, group="prior")`, or since version 1 by
 # `plot_ppc_dist(idata, group="prior_predictive")`.
 

@@ -55,15 +55,13 @@ def build(theta):
         middle = np.add(corners[name[0]], corners[name[1]]) / 2
         model.add_node(name, float(middle[0]), HEIGHT, float(middle[1]))
         group = "long beams" if name in ("AB", "CD") else "short beams"
-        model.add_member(f"beam {name}", *name, group, group)
+        model.add_member(f"beam {name}", *name, group, group)  # divided by its node
     add_mass(model, (*corners, "AB", "BC", "CD", "DA"))
     model.analyze_modal(N_MODES, "Mass", "Y", GRAVITY, check_stability=False)
     return model
 
 
 # %% [markdown]
-# PyNite itself divides a member that passes through a node.
-#
 # **Mass.** PyNite takes mass only from a load combination: self-weight of members,
 # which becomes a consistent mass (`rho` is a weight per volume here), and loads at
 # nodes in the requested direction, divided by g. With neither, PyNite stops: "Model is

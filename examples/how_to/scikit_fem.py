@@ -112,8 +112,7 @@ def frequencies(basis, theta):  # in Hz, by scikit-fem
 
 
 # %% [markdown]
-# Every element belongs to a strip, so $K_0$ is zero. {doc}`opensees` has the same steps,
-# and more words on them.
+# Every element belongs to a strip, so $K_0$ is zero.
 
 # %%
 if __name__ == "__main__":

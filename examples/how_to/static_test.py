@@ -25,13 +25,9 @@ STOREYS = np.array([[2.0, -1.0], [-1.0, 1.0]])  # two of 1 MN/m, i.e. 1 kN/mm
 FLOORS = np.eye(2)  # two of 1 t
 NONE = np.zeros((2, 2))
 
-static = ef.StaticModel(
-    NONE,
-    {"roof": {1: 10.0}, "both": [5.0, 5.0]},  # kN
-    {"k": STOREYS},
-    points={"floor": 0, "roof": 1},
-    unit="mm",
-)
+loads = {"roof": {1: 10.0}, "both": [5.0, 5.0]}  # kN
+points = {"floor": 0, "roof": 1}
+static = ef.StaticModel(NONE, loads, {"k": STOREYS}, points=points, unit="mm")
 
 # %% [markdown]
 # {py:class}`~emcee_femu.DisplacementTerm` compares the readings of the gauges: one row
@@ -39,36 +35,26 @@ static = ef.StaticModel(
 # points are checked against the model's.
 
 # %%
-gauges = ef.DisplacementTerm(  # mm
-    [[0.202, 0.398], [0.203, 0.299]],
-    sd=0.004,
-    cases=["roof", "both"],
-    points=["floor", "roof"],
-)
+readings = [[0.202, 0.398], [0.203, 0.299]]  # mm
+gauges = ef.DisplacementTerm(readings, sd=0.004, cases=[*loads], points=[*points])
 modal = ef.MatrixModel(NONE, NONE, {"k": 1e6 * STOREYS}, {"m": 1e3 * FLOORS}, n_modes=2)
 frequencies = ef.FrequencyTerm([6.03, 15.75], relative_sd=0.005)
-prior = ef.IndependentPrior(
-    {"k": stats.lognorm(0.5, scale=50), "m": stats.lognorm(0.5, scale=15)}
-)
+priors = {"k": stats.lognorm(0.5, scale=50), "m": stats.lognorm(0.5, scale=15)}
+prior = ef.IndependentPrior(priors)
 
 # %% [markdown]
-# ## The modal test alone
+# ## The modal test alone, and both
 #
-# {py:func}`~emcee_femu.find_map` and {py:func}`~emcee_femu.identifiability` say in a
-# few solves what frequencies leave open:
+# {doc}`What frequencies leave open </tutorials/what_is_learned>`, in a few solves:
 
 # %%
 alone = ef.LogPosterior(modal, frequencies, prior)
 one = ef.identifiability(ef.find_map(alone, seed=1))
 print(textwrap.fill(one.findings[-1], 80))
 
-# %% [markdown]
-# ## Both
-
 # %%
-posterior = ef.LogPosterior.joint(
-    {"static": (static, gauges), "modal": (modal, frequencies)}, prior
-)
+both = {"static": (static, gauges), "modal": (modal, frequencies)}
+posterior = ef.LogPosterior.joint(both, prior)
 run = ef.run(posterior, seed=1)
 idata = ef.to_inference_data(run)
 ef.parameter_table(idata)
@@ -88,8 +74,7 @@ ef.figures.plot_predictive(idata, posterior)
 # of the result is ready to run. Parts of an experiment carry its name: the term
 # `modal.frequency`, the argument `experiment="modal"` of tables and figures.
 #
-# A model error can be inferred for a static test as for a modal one:
-# `ef.DisplacementTerm(..., discrepancy="name")`, with a prior for that parameter.
+# `ef.DisplacementTerm(..., discrepancy="name")` infers a model error.
 
 # %% tags=["remove-cell"]
 assert "is known well, not k and m by themselves" in str(one)

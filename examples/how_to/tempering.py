@@ -28,10 +28,8 @@ for maximum in found.maxima:
 
 
 def shares(run, discard=100):  # of a stiff ground storey, by ensemble
-    return [
-        round(float((s.get_chain(discard=discard)[..., 0] > 120).mean()), 2)
-        for s in run
-    ]
+    chains = (sampler.get_chain(discard=discard)[..., 0] for sampler in run)
+    return [round(float((chain > 120).mean()), 2) for chain in chains]
 
 
 # %% [markdown]
@@ -61,8 +59,7 @@ for jump in (0.0, 0.1):
     print(f"mode_jump={jump}: {crossings[jump]} times in {stiff.size} steps")
 
 # %% [markdown]
-# Between crossings an ensemble keeps the shares that its starts happened to have. The
-# verdict of {py:func}`~emcee_femu.diagnose` says whether there were enough.
+# Between crossings an ensemble keeps the shares that its starts happened to have.
 #
 # ## Modes that a search may miss: `TemperedMove`
 #
@@ -82,25 +79,20 @@ idata = ef.to_inference_data(tempered, discard=100)  # the cold ones
 evidence = ef.log_evidence(tempered, discard=100)
 evidence
 
-# %% [markdown]
-# The single bridge of "auto" must agree with the whole ladder:
-
 # %%
-bridged = ef.log_evidence(auto)
+bridged = ef.log_evidence(auto)  # by a single bridge: it must agree
 print(bridged)
 
 # %% [markdown]
 # A mean and a standard deviation do not describe such a posterior: report the modes one
-# by one.
+# by one. Conversion, tables, figures and `diagnose` use only the cold walkers.
 #
-# - Conversion, tables, figures and `diagnose` use only the cold walkers.
 # - `nwalkers` counts all blocks together, a multiple of the number of betas; the
 #   default is as many for each as `run` would take.
 # - No standard error of the evidence is claimed if two neighbouring powers hardly
 #   overlap, or if the chain is shorter than 20 autocorrelation times of the evidence;
-#   `problems` has the reason.
-# - [The verdict](../explanation/verdict.py) says how several modes affect a verdict,
-#   [model classes](../tutorials/model_classes.py) how to compare evidences.
+#   `problems` has the reason. Another seed or a larger population may have an error.
+# - [Model classes](../tutorials/model_classes.py) are compared by their evidences.
 #
 # ## A population in one call: TMCMC
 #
@@ -119,14 +111,10 @@ ef.parameter_table(ef.to_inference_data(population, posterior))
 # **A region that no early member came near is not found**, and the standard error does
 # not include it: a narrow mode in a wide prior needs a search, `find_map` or `"auto"`.
 # [Moves measured](../explanation/moves_measured.md#tmcmc-how-many-members) has figures.
-#
-# If no error of the evidence is claimed, `problems` says why. Another seed, or a larger
-# size, may have an error then.
 
 # %% tags=["remove-cell"]
 cold = idata.posterior["ground"].values
-assert len(found.maxima) == 2
-assert crossings[0.1] > 5 * crossings[0.0] and crossings[0.1] > 50
+assert len(found.maxima) == 2 and crossings[0.1] > max(50, 5 * crossings[0.0])
 exact = np.mean(shares(auto, 0))
 assert abs((cold > 120).mean() - exact) < 0.12
 gap = abs(bridged.log_evidence - evidence.log_evidence)
@@ -135,8 +123,6 @@ assert evidence.overlaps.min() > 0.1  # its chains are short: it claims no error
 assert np.std(shares(auto, 0)) < 0.05
 assert abs((population.theta[:, 0] > 120).mean() - exact) < 0.12
 gap = population.log_evidence - bridged.log_evidence
-assert not population.problems
-assert abs(gap) < 4 * np.hypot(
-    population.log_evidence_error, bridged.log_evidence_error
-)
+error = np.hypot(population.log_evidence_error, bridged.log_evidence_error)
+assert not population.problems and abs(gap) < 4 * error
 assert ef.diagnose(population).chains.status == "none"

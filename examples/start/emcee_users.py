@@ -2,9 +2,8 @@
 # # I have a log-probability
 #
 # You use emcee, and have a function of an array; there need be no FE model. With names
-# and bounds it becomes a posterior, and a search for all modes, the evidence, a
-# comparison of moves and a verdict work as for any other.
-# `python examples/start/emcee_users.py` runs this page.
+# and bounds it becomes a posterior, with a search for all modes, the evidence, and a
+# verdict. `python examples/start/emcee_users.py` runs this page.
 #
 # ## The function
 #
@@ -55,10 +54,9 @@ ef.parameter_table(run)
 ef.diagnose(run)
 
 # %% [markdown]
-# The statement on the fit stays open, since the data are inside the function. Tables of
-# measured against predicted values say so, too. `workers=8` evaluates in eight
-# processes, for which the function must be defined in a module or script;
-# `backend="run.sqlite", resume=True` keeps the run in a file and goes on with it.
+# The statement on the fit stays open, since the data are inside the function.
+# `workers=8` evaluates in eight processes, for which the function must be defined in a
+# module or script; `backend="run.sqlite", resume=True` keeps the run in a file.
 #
 # ## The evidence
 
@@ -68,9 +66,8 @@ evidence
 
 # %% [markdown]
 # It is that of this prior, uniform in the box. If your function is a `log_probability`
-# and holds its prior already, give it with bounds alone: the samples are its own, inside
-# the box. The evidence is then divided by the volume of the box, and the printed number
-# takes it back.
+# and holds its prior already, give it with bounds alone. The evidence is then divided
+# by the volume of the box, and the printed number takes it back.
 #
 # ## The stretch move beside the others
 #
@@ -78,38 +75,25 @@ evidence
 # the same walkers.
 
 # %%
-moves = {
-    "stretch": emcee.moves.StretchMove(),
-    "DE-MC": ef.DEMCMove(),
-    "auto": "auto",
-}
+moves = {"stretch": emcee.moves.StretchMove(), "DE-MC": ef.DEMCMove(), "auto": "auto"}
 comparison = ef.compare_moves(posterior, moves, 12, 250, discard=50, seed=1)
 comparison
 
 # %% [markdown]
-# "ESS per 1000" is the number of effective samples per 1,000 evaluations; "end to end"
-# counts the search and the burn-in too. A move that is "too short" has not had 50
-# autocorrelation times, so that its numbers are rough: {doc}`/tutorials/comparing_moves`.
+# {doc}`/tutorials/comparing_moves` explains the columns. The numbers of a move that is
+# "too short" are rough.
 #
 # ## ArviZ
 #
 # The blob is in the group `response`.
 
-# %% tags=["remove-stderr"]
-import arviz as az
-
-idata = ef.to_inference_data(run)
-az.summary(idata)
-
 # %%
+idata = ef.to_inference_data(run)
 at_ten = idata["response"]["blob0"]
 print(f"the line at x = 10: {float(at_ten.mean()):.2f} +- {float(at_ten.std()):.2f}")
 
-# %% mystnb={"image": {"alt": "Scatter of intercept, slope and sigma; intercept and slope lie along a falling line"}}
-ef.figures.plot_scatter(idata)
-
 # %% [markdown]
-# {doc}`/how_to/with_arviz` has more. {py:func}`~emcee_femu.find_map` and
+# {doc}`/how_to/report` has more. {py:func}`~emcee_femu.find_map` and
 # {py:func}`~emcee_femu.anneal` work too. Only {py:func}`~emcee_femu.emulate` refuses: it
 # learns the response of a model, and a log-probability has none.
 #
@@ -122,9 +106,8 @@ ef.figures.plot_scatter(idata)
 # %%
 samplers = []
 for seed in (1, 2, 3, 4):
-    sampler = emcee.EnsembleSampler(
-        12, 3, log_likelihood, args=(x, y), moves=ef.DEMCMove()
-    )
+    options = {"args": (x, y), "moves": ef.DEMCMove()}
+    sampler = emcee.EnsembleSampler(12, 3, log_likelihood, **options)
     sampler.random_state = np.random.RandomState(seed).get_state()  # emcee's seed
     start = np.random.default_rng(seed).normal([1.5, 0.8, 0.5], 0.1, size=(12, 3))
     sampler.run_mcmc(start, 1_500)
@@ -133,23 +116,21 @@ plain = ef.diagnose(samplers, discard=300)
 plain
 
 # %% [markdown]
-# With names they are converted and tabulated; prior, data and model are unknown, so
-# comparisons with these are left out.
+# With names they are converted and tabulated, without comparisons with prior and data:
 
 # %%
 converted = ef.to_inference_data(samplers, discard=300, names=[*box])
 ef.parameter_table(converted)
 
 # %% [markdown]
-# `DEMCMove` replaces `emcee.moves.DEMove`. It proposes
-# $\theta_i + \gamma(\theta_a - \theta_b) + \epsilon$ with
-# $\gamma = 2.38/\sqrt{2d}$; emcee's move varies $\gamma$ at random and has no $\epsilon$.
-# An independence move, `[(ef.IndependenceMove.fit(samples), 0.8), (ef.DEMCMove(), 0.2)]`,
-# is more efficient if the posterior is close to the distribution fitted to the burn-in.
-# Mixtures, backends, pools, `vectorize=True`, blobs and `parameter_names` work as for
-# emcee's own moves. An error is raised if all walkers start at a log-probability of -inf,
-# and for integer walkers. {py:class}`~emcee_femu.moves.TemperedMove` needs the log-prior
-# as first blob, as a {py:class}`~emcee_femu.LogPosterior` returns it, and
+# `DEMCMove` replaces `emcee.moves.DEMove`; {doc}`/how_to/choose_a_move` has the
+# difference. An independence move,
+# `[(ef.IndependenceMove.fit(samples), 0.8), (ef.DEMCMove(), 0.2)]`, is more efficient
+# if the posterior is close to the distribution fitted to the burn-in. Mixtures,
+# backends, pools, `vectorize=True`, blobs and `parameter_names` work as for emcee's own
+# moves. An error is raised if all walkers start at a log-probability of -inf, and for
+# integer walkers. {py:class}`~emcee_femu.moves.TemperedMove` needs the log-prior as
+# first blob, as a {py:class}`~emcee_femu.LogPosterior` returns it, and
 # {py:class}`~emcee_femu.moves.HamiltonianMove` a function with the method
 # `gradient(theta)`; all others take any function.
 

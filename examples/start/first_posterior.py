@@ -33,8 +33,8 @@ ef.parameter_table(idata)
 
 # %% [markdown]
 # Can the result be trusted? The last three lines say whether the chains converged, how
-# small a mode the search may have missed, and whether the model fits. [Reading the
-# tables](reading.md) explains the other lines.
+# small a mode may be missing, and whether the model fits ([the other
+# lines](reading.md)).
 
 # %%
 ef.diagnose(run)

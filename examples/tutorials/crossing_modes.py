@@ -3,10 +3,13 @@
 #
 # Measured and computed frequencies must not be compared by their numbers. This page
 # shows why, and how {py:class}`~emcee_femu.PairedModel` compares them by shape, even if
-# modes are so close that their shapes mix.
+# modes are so close that their shapes mix. `python
+# examples/tutorials/crossing_modes.py` runs this page (8 s). The test is simulated.
 #
-# `python examples/tutorials/crossing_modes.py` runs this page (8 s). The test is
-# simulated.
+# A two-storey building sways along x and along y: four modes, two of them near 3 Hz.
+# According to the drawings it is 20 % stiffer along x. In truth the walls along x have
+# cracked and keep 75 % of their stiffness; along y it has 105 %. So **x comes second in
+# the model and first in the test**. Units: MN, kt, m.
 
 # %%
 import numpy as np
@@ -14,13 +17,6 @@ from scipy import stats
 
 import emcee_femu as ef
 
-# %% [markdown]
-# A two-storey building sways along x and along y: four modes, two of them near 3 Hz.
-# According to the drawings it is 20 % stiffer along x. In truth the walls along x have
-# cracked and keep 75 % of their stiffness; along y it has 105 %. So **x comes second in
-# the model and first in the test**. Units: MN, kt, m.
-
-# %%
 FLOOR, STOREY = 0.02, 20.0  # kt, MN/m
 ONE_WAY = STOREY * np.array([[2.0, -1.0], [-1.0, 1.0]])
 ALONG_X, ALONG_Y = np.diag([1.2, 0.0]), np.diag([0.0, 1.0])
@@ -67,9 +63,9 @@ ef.figures.plot_scatter(wrong, truths=truth)
 
 # %% [markdown]
 # There are two clouds, and both fit equally well: frequencies alone cannot tell x from
-# y. The prior decides. It prefers the cloud nearer to the drawings, which spreads the
-# damage over both directions. The truth (blue) is in the smaller cloud. The chains have
-# converged to the wrong posterior: no diagnosis detects a wrong comparison that fits.
+# y. The prior prefers the cloud nearer to the drawings, which spreads the damage over
+# both directions; the truth (blue) is in the smaller one. No diagnosis detects a wrong
+# comparison that fits.
 #
 # ## By shape: MAC, one to one
 #
@@ -109,10 +105,7 @@ ef.pairing_table(right)
 
 # %% [markdown]
 # There is one cloud, with the truth in it. The table shows how each measured mode was
-# paired. "model's mode" is the usual partner, and "another in %" the share of samples
-# with another one. "MAC < 0.5 in %" says how often the partner hardly resembled the
-# measured mode. "wrong by index in %" says how often a comparison by number would have
-# been wrong.
+# paired ({doc}`/start/reading` has its columns).
 #
 # A mode that the model does not have shows up as a MAC below 0.5 in all samples. It
 # costs a finite penalty of log-likelihood (8), so the chain continues and you see it.
@@ -155,9 +148,8 @@ for gap in (0.0, 0.02):
 # that the model does not have. With the subspace MAC both are gone:
 
 # %%
-priors = dict.fromkeys(K, stats.lognorm(0.15)) | {
-    "shape error": stats.halfnorm(scale=0.3)
-}
+priors = dict.fromkeys(K, stats.lognorm(0.15))
+priors["shape error"] = stats.halfnorm(scale=0.3)
 terms = [ef.FrequencyTerm(mixed), ef.ShapeTerm(mixed, discrepancy="shape error")]
 posterior = ef.LogPosterior(models[0.02], terms, ef.IndependentPrior(priors))
 plane = ef.to_inference_data(ef.run(posterior, seed=1))
@@ -167,9 +159,8 @@ ef.parameter_table(plane)
 ef.pairing_table(plane)
 
 # %% [markdown]
-# The two modes still change places in many samples. This is no fault: within their
-# plane the order has no meaning, and the angle depends on asymmetries that no model has
-# right.
+# The two modes still change places in many samples: within their plane the order has no
+# meaning.
 #
 # If no shapes were measured, `PairedModel(model, frequencies, reference={...})` follows the
 # model's own ({doc}`real_aircraft`), if test and model have the same order there. The

@@ -5,16 +5,8 @@
 # derivatives. This page learns its response from some twenty solves, samples what was
 # learned, and spends sixty more solves to check the result. It also shows what to do if
 # the check fails. `python examples/tutorials/hundred_solves.py` runs this page (28 s of
-# processor time). Structure and data are simulated.
-#
-# | a solve takes | and you have | use | true solves |
-# |---|---|---|---|
-# | microseconds | K and M, a small model | `run(posterior, seed=1)` | 10,000 and more |
-# | milliseconds to seconds | K and M whose parts functions of the parameters multiply | `reduce_model`, then `run`: {doc}`large_models` | some tens |
-# | the same | an FE program that writes K and M | `read_matrices`, `MatrixModel.from_differences`, then as above: {doc}`/how_to/matrices` | 1 to 3 per parameter |
-# | seconds to hours | a program that gives only results | `emulate`, `run` on what it returns, `certify` | about 10 per parameter, and 100 |
-# | the same | one that gives derivatives, too | the same: `FunctionModel(..., jacobian=)` | about 3 per parameter, and 100 |
-# | the same | an emulator that `certify` refuses | more `solves` from the same file; else `DelayedAcceptanceMove(..., steps=100)` | 1 per walker and step |
+# processor time). Structure and data are simulated; {doc}`/start/choose` says
+# when this is the way to go.
 #
 # ## The program
 #
@@ -78,8 +70,7 @@ posterior = ef.LogPosterior(model, term, prior, units)
 # it arrives.
 
 # %%
-folder = tempfile.TemporaryDirectory()  # yours is where you keep your results
-file = Path(folder.name) / "bridge.chain"
+file = Path(tempfile.mkdtemp()) / "bridge.chain"
 emulated = ef.emulate(posterior, solves=40, seed=1, backend=file)
 print(f"{len(calls)} calls of the program")
 emulated
@@ -96,9 +87,7 @@ emulated
 #   rounds below `tolerance` (0.1).
 #
 # The likelihood includes the emulator's own variance, so with few solves the posterior
-# is broad, not wrong. A mode that no emulator suspects stays unseen;
-# {doc}`/explanation/few_solves_measured` says how it is looked for, and how often all
-# this was right.
+# is broad, not wrong: {doc}`/explanation/few_solves_measured`.
 #
 # ## Run
 #
@@ -110,8 +99,7 @@ idata = ef.to_inference_data(run)
 ef.diagnose(run)
 
 # %% [markdown]
-# These statements are about the chain of the emulated posterior, not about the
-# emulator. The next step checks that.
+# These statements are about the chain, not about the emulator.
 #
 # ## Certify
 #
@@ -129,8 +117,7 @@ certificate
 #   one, by the weights. *shift/sd* is their difference in posterior standard deviations.
 # - **Efficiency** is the effective share of the weights, 1 if all are equal; **Pareto k**
 #   describes how heavy their tail is.
-# - The verdict is *certified*, *corrected* (the weights correct the posterior) or
-#   *refused*, with what to do: {doc}`/explanation/certificate`.
+# - {doc}`/explanation/certificate` has the verdicts.
 #
 # Continue with `certificate.idata`; its tables and figures state the verdict.
 
@@ -140,10 +127,9 @@ ef.parameter_table(certificate.idata)
 # %% [markdown]
 # ## When it is refused
 #
-# {doc}`/explanation/certificate` shows such a case. The verdict says what to do. **More
-# solves from the same file**: no solve is lost. The same call with more solves and
-# `resume=True` continues, and the result is exactly that of one call, also after a crash.
-# Some solves are repeated each time, to check that the model is still the same:
+# **More solves from the same file**: no solve is lost. The same call with more solves
+# and `resume=True` continues, and the result is exactly that of one call, also after a
+# crash. Some solves are repeated each time, to check that the model is still the same:
 
 # %%
 before = len(calls)
@@ -157,9 +143,8 @@ print(f"{better.solves} solves, by {len(calls) - before} new calls of the progra
 #
 # `workers=8` solves a batch at once: eight points of `emulate`, all draws of `certify`.
 #
-# Next: {doc}`/how_to/black_box` starts a program from the command line,
-# {doc}`/how_to/failing_solves` handles solves that fail, and
-# {doc}`/how_to/emulated_crossing_modes` modes that cross.
+# Next: {doc}`/how_to/black_box` starts a program from the command line, and handles
+# solves that fail; {doc}`/how_to/emulated_crossing_modes` has modes that cross.
 
 # %% tags=["remove-cell"]
 assert spent <= 100 and emulated.solves < 40

@@ -1,9 +1,9 @@
 # %% [markdown]
-# # Long runs and clusters
+# # Long runs
 #
 # A run of days meets power cuts, time limits of a queue, full disks and solves that do
 # not converge. This page keeps a run in a file, kills it and continues it, and shows
-# what happens if the model has changed. It also has the job script of a cluster.
+# what happens if the model has changed.
 # `python examples/tutorials/long_runs.py` runs this page (12 s of processor time). The
 # measured frequencies are made up.
 #
@@ -68,11 +68,8 @@ file = home / "run.chain"
 
 # %%
 search = [str(Path(ef.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
-start = {
-    "args": [sys.executable, "job.py"],
-    "cwd": home,
-    "env": os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, search))},
-}
+environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, search))}
+start = {"args": [sys.executable, "job.py"], "cwd": home, "env": environment}
 space = {"__name__": "job"}
 exec(JOB, space)  # model and posterior of the script; it does not run
 posterior = space["posterior"]
@@ -103,9 +100,8 @@ print("killed in the middle:", 60 <= stored < 300)
 done = subprocess.run(**start, capture_output=True, text=True, check=True)
 print(done.stdout)
 
-(whole,) = ef.run(
-    posterior(), nwalkers=12, steps=300, seed=1, moves=ef.DEMCMove(), ensembles=1
-)
+options = {"moves": ef.DEMCMove(), "nwalkers": 12, "ensembles": 1, "seed": 1}
+(whole,) = ef.run(posterior(), steps=300, **options)
 resumed = ef.to_inference_data(file, posterior()).posterior
 same = np.array_equal(resumed["k1"], whole.get_chain()[..., 0].T)  # (walkers, steps)
 print("identical to a run that was never stopped:", same)
@@ -114,11 +110,8 @@ print("identical to a run that was never stopped:", same)
 # So a job script may always say `resume=True`: without a file a new run begins, and if
 # the run is complete the call returns at once. {py:func}`~emcee_femu.anneal`,
 # {py:func}`~emcee_femu.emulate` and {py:func}`~emcee_femu.certify` also take `backend`
-# and `resume`, each with its own file.
-#
-# The file is a SQLite database: each step is stored completely or not at all, with a
-# checksum. A second run that writes to the same file is refused. On a network file
-# system see {doc}`/how_to/clusters`.
+# and `resume`, each with its own file: a SQLite database, in which each step is stored
+# completely or not at all ({doc}`/how_to/clusters` has network file systems).
 #
 # ## The same posterior, or another one?
 #
@@ -133,7 +126,6 @@ def corrected(p):
 
 
 changed = posterior(corrected)
-options = {"moves": ef.DEMCMove(), "nwalkers": 12, "ensembles": 1, "seed": 1}
 try:
     ef.run(changed, steps=400, backend=file, resume=True, **options)
 except ValueError as error:
@@ -148,8 +140,7 @@ except ValueError as error:
 # ## Until it is enough
 #
 # Without `steps` a run ends when its chains have converged, or after `solves=200_000`.
-# If a job may take only so long, give it fewer `solves`. The next job of the queue is the
-# same script with more of them:
+# Give a short job fewer `solves`; the next job is the same script with more of them:
 
 # %%
 file = home / "pieces.chain"
@@ -160,27 +151,12 @@ for solves in (10_000, 200_000):
     print(f"{run.solves:,} solves, ended by {run.stopped}: {verdict.short}")
 
 # %% [markdown]
-# A solve that fails stops the run, too, and nothing is lost; {doc}`/how_to/failing_solves`
+# A solve that fails stops the run, too, and nothing is lost; {doc}`/how_to/black_box`
 # says when `on_failure="reject"` is right.
 #
 # ## A job script
 #
-# For one node of a Slurm cluster; {doc}`/how_to/clusters` has pools for several:
-#
-#  ```bash
-#  #!/bin/bash
-#  #SBATCH --ntasks=1 --cpus-per-task=16
-#  #SBATCH --time=24:00:00
-#  #SBATCH --job-name=bridge --dependency=singleton
-#  export OMP_NUM_THREADS=1
-#  python job.py
-#  ```
-#
-# In `job.py`, use `workers=16`, whose chain is that of a serial run; the linear algebra
-# of each worker has one thread.
-# Submit the script three times: `--dependency=singleton` runs jobs of the same name one
-# after another. Each continues where the last one was stopped, and those that find
-# nothing left to do end at once.
+# {doc}`/how_to/clusters` has job scripts, and jobs that continue one another.
 
 # %% tags=["remove-cell"]
 assert 60 <= stored < 300 and same

@@ -7,10 +7,10 @@
 # tests are simulated, so the answer is known. `python examples/tutorials/many_tests.py`
 # runs this page in some 20 s.
 #
-# A single posterior of all data answers another question. It assumes that the
-# parameters are constant, so its standard deviations shrink with the number of tests,
-# below the scatter between tests. {py:func}`~emcee_femu.pool_tests` starts from the
-# posteriors of the single tests instead, and needs no new FE solve.
+# A single posterior of all data assumes that the parameters are constant, so its
+# standard deviations shrink below the scatter between tests.
+# {py:func}`~emcee_femu.pool_tests` starts from the posteriors of the single tests
+# instead, and needs no new FE solve.
 #
 # ## Twelve tests
 #
@@ -46,7 +46,7 @@ for i in range(3):
 # %% [markdown]
 # ## Each test by itself
 #
-# Every test is updated by itself, under the same prior.
+# Every test is updated by itself, under the same prior. Pool only converged chains.
 
 # %%
 names, bounds = ["frame", "soil"], [(0.3, 2.0), (0.3, 2.0)]
@@ -59,13 +59,10 @@ for i, day in enumerate(days):
     assert ef.diagnose(run).converged, day
     tests[day] = ef.to_inference_data(run)
     soil_sd[day] = run[0].get_chain(flat=True)[:, 1].std()
-print(f"sd of the soil's factor: {min(soil_sd.values()):.3f} ", end="")
-print(f"to {max(soil_sd.values()):.3f}")
+print("sd of the soil's factor:", *(f"{sd:.3f}" for sd in soil_sd.values()))
 ef.parameter_table(tests["day1"])
 
 # %% [markdown]
-# Pool only converged chains, hence the `assert`.
-#
 # ## The population
 #
 # The parameters of test t come from a normal distribution, cut at the bounds of the
@@ -100,14 +97,10 @@ ef.figures.plot_population(pooled)
 # %% [markdown]
 # Grey is a test by itself, blue the same test given all others. It moves towards the
 # value expected at the temperature of its day, the more so the less certain it was.
-#
 # Along the temperature, the frame falls and the soil does not:
 
 # %% mystnb={"image": {"alt": "Frame and soil factors over the temperature; the red line of the frame falls steadily, that of the soil is nearly level within its wide band"}}
-figure = ef.figures.plot_population(pooled, against="temperature")
-for axes in figure.axes:
-    axes.set_xlabel("temperature [°C]")
-figure
+ef.figures.plot_population(pooled, against="temperature")
 
 # %% [markdown]
 # ## A test not yet made
@@ -125,9 +118,8 @@ low, high = np.quantile(frequencies[:, 0], [0.025, 0.975])
 print(f"first frequency: {low:.2f} to {high:.2f} Hz")
 
 # %% [markdown]
-# `pooled.idata` and `pooled.run` belong to the population's run; use them with
-# `parameter_table`, `diagnose` and the rest. The `log_likelihood` has one value for
-# each test, so `arviz.loo` shows which test the others do not expect.
+# `pooled.idata` and `pooled.run` belong to the population's run. The `log_likelihood`
+# has one value for each test, so `arviz.loo` shows which test the others do not expect.
 #
 # ## What is assumed
 #
@@ -149,21 +141,14 @@ pooled.population
 #
 # The likelihood of a population is a product over the tests. Each factor is the average
 # of normal density / prior density over the draws of that test's posterior. Its error
-# falls with the number of draws, and grows with the number of pooled parameters: an ESS
-# of a few hundred per test at least; `draws=4_000` uses more of them. `pytest -m slow
-# tests/population/test_truth.py` compares it with quadrature.
-#
-# The conclusion names every test that hardly reaches to where the population puts it.
+# grows with the number of pooled parameters: an ESS of a few hundred per test at least;
+# `draws=4_000` uses more of them. `pytest -m slow tests/population/test_truth.py`
+# compares it with quadrature.
 
 # %% tags=["remove-cell"]
-truth = {
-    "mean frame": frame.mean(),
-    "mean soil": 1.0,
-    "sd frame": SCATTER_FRAME,
-    "sd soil": SCATTER_SOIL,
-    "frame per temperature": SLOPE,
-    "soil per temperature": 0.0,
-}
+truth = {"mean frame": frame.mean(), "mean soil": 1.0}
+truth |= {"sd frame": SCATTER_FRAME, "sd soil": SCATTER_SOIL}
+truth |= {"frame per temperature": SLOPE, "soil per temperature": 0.0}
 for name, value in truth.items():
     drawn = pooled.hyperdraws[name]
     assert abs(drawn.mean() - value) < 3 * drawn.std(), name

@@ -6,9 +6,14 @@
 # structure is a two-storey steel frame of one bay, 6.0 m by 5.6 m; eight accelerometers
 # found six modes. The stiffnesses of the columns, of the beams along x and of the beams
 # along y are unknown.
+# `python examples/tutorials/modal_test.py` runs this page (15 s) and leaves a file in
+# `figures/modal_test`.
 #
-# `python examples/tutorials/modal_test.py` runs this page (15 s) and leaves its
-# files in `figures/modal_test`.
+# ## What was measured
+#
+# Write the test report as a CSV file. `sensor` is any name; `dof` is its place in the
+# model: `8:ux` is the displacement of node 8 along x. [Measured
+# modes](../how_to/csv_and_uff.py) has all rows.
 
 # %%
 from pathlib import Path
@@ -18,14 +23,6 @@ from scipy import stats
 
 import emcee_femu as ef
 
-# %% [markdown]
-# ## What was measured
-#
-# Write the test report as a CSV file, by hand if you like. `sensor` is any name; `dof` is
-# its place in the model: `8:ux` is the displacement of node 8 along x. [CSV and
-# universal files](../how_to/csv_and_uff.py) has all rows.
-
-# %%
 directory = Path("figures/modal_test")
 directory.mkdir(parents=True, exist_ok=True)
 (directory / "test.csv").write_text("""\
@@ -45,11 +42,10 @@ test = ef.Measurements.from_csv(directory / "test.csv")
 print(test)
 
 # %% [markdown]
-# MPC, the modal phase collinearity, is 1 for real shapes. The standard deviations are
-# 0.2 %, the scatter of a good modal test. The numbers are simulated, so the truth is
-# known: columns, beams x and beams y have 0.95, 1.15 and 0.85 of their nominal
-# stiffness. **The floors of the true frame are heavier on one side**, which the model
-# below does not know. So no parameters make it fit exactly, as with real structures.
+# The standard deviations are 0.2 %, the scatter of a good modal test. The numbers are
+# simulated, so the truth is known: columns, beams x and beams y have 0.95, 1.15 and
+# 0.85 of their nominal stiffness. **The floors of the true frame are heavier on one
+# side**, which the model below does not know. So no parameters make it fit exactly.
 #
 # ## The model
 #
@@ -73,10 +69,8 @@ def frame(light, heavy):  # density of beams with floors, at either side
     sides = ["x light", "y", "x heavy", "y"] * 2
     ends = [5, 6, 7, 4, 9, 10, 11, 8]
     beams = [(i + 4, ends[i], sides[i]) for i in range(8)]
-    supports = dict.fromkeys(range(4), "all")
-    return ef.FrameModel(
-        nodes, columns + beams, sections, supports, n_modes=12, shapes=True
-    )
+    bars, supports = columns + beams, dict.fromkeys(range(4), "all")
+    return ef.FrameModel(nodes, bars, sections, supports, n_modes=12, shapes=True)
 
 
 model = frame(4e-5, 4e-5)
@@ -108,22 +102,15 @@ print("MAC           ", pairing.mac[0].round(2))
 # A lognormal prior keeps a stiffness positive: here 210 GPa, known to about 20 %. Two
 # more parameters describe the error of the model itself: `frequency error` is its
 # relative standard deviation in frequencies, on top of the measured 0.2 %, and
-# `shape error` the standard deviation at one sensor for a shape of unit length. Their
-# half-normal priors have scales that would not surprise.
+# `shape error` the standard deviation at one sensor for a shape of unit length.
 
 # %%
-stiffness = stats.lognorm(0.2, scale=210)  # GPa
-prior = ef.IndependentPrior(
-    {
-        **dict.fromkeys(model.names, stiffness),
-        "frequency error": stats.halfnorm(scale=0.02),
-        "shape error": stats.halfnorm(scale=0.1),
-    }
-)
-terms = [
-    ef.FrequencyTerm(test, discrepancy="frequency error"),
-    ef.ShapeTerm(test, discrepancy="shape error"),
-]
+priors = dict.fromkeys(model.names, stats.lognorm(0.2, scale=210))  # GPa
+priors |= {"frequency error": stats.halfnorm(scale=0.02)}
+priors |= {"shape error": stats.halfnorm(scale=0.1)}
+prior = ef.IndependentPrior(priors)
+terms = [ef.FrequencyTerm(test, discrepancy="frequency error")]
+terms += [ef.ShapeTerm(test, discrepancy="shape error")]
 units = dict.fromkeys(model.names, "GPa")
 posterior = ef.LogPosterior(paired, terms, prior, units)
 
@@ -142,9 +129,8 @@ diagnosis
 
 # %% [markdown]
 # Read the last three lines first. Go on only if they say "Chains: converged". "Search"
-# states a limit of every sampler: it misses a maximum that neither the search nor a
-# walker came near. "Fit" says whether the updated model predicts what was measured.
-# [Reading the tables](../start/reading.md) explains the columns, [the
+# says how small a maximum may be missing, "Fit" whether the updated model predicts what
+# was measured. [Reading the tables](../start/reading.md) explains the columns, [the
 # verdict](../explanation/verdict.py) what to do if a statement is another.
 #
 # ## What was learned
@@ -153,9 +139,8 @@ diagnosis
 ef.parameter_table(idata)
 
 # %% [markdown]
-# The last column is the posterior standard deviation divided by that of the prior. The
-# model's own error is inferred at 0.7 % in frequency, more than three times the scatter
-# of the test. With the 0.2 % alone the intervals would be far too narrow: see
+# The model's own error is inferred at 0.7 % in frequency, more than three times the
+# scatter of the test. With the 0.2 % alone the intervals would be far too narrow: see
 # [noise and model error](noise_and_model_error.py).
 
 # %% mystnb={"image": {"alt": "Scatter of three stiffnesses with 95 % ellipses, and of two errors, whose regions have a tail upwards; lines mark the true stiffnesses, inside each ellipse"}}
@@ -174,32 +159,26 @@ ef.figures.plot_scatter(idata, truths=truth)
 ef.frequency_table(idata)
 
 # %% mystnb={"image": {"alt": "Deviations of six frequencies in percent before and after updating, and their MAC"}}
-figure = ef.figures.plot_predictive(idata, posterior)
-figure
+ef.figures.plot_predictive(idata, posterior)
 
 # %% [markdown]
 # A new measurement should lie on the thin line with 95 % probability, model error
-# included; zero is the measured value. All lines should cross zero, and here they do.
-# The MAC is about 0.97 for the modes that the uneven floors twist, whatever the
-# stiffnesses. The shape error, one for all modes, is therefore inferred at 0.06, three
-# times the 0.02 with which the sensors were simulated.
+# included; zero is the measured value. The MAC is about 0.97 for the modes that the
+# uneven floors twist, so that the shape error is inferred at 0.06, three times the 0.02
+# with which the sensors were simulated.
 #
-# The measured shapes (red) and the updated model (blue) on the structure: sway along y,
-# sway along x and torsion.
+# The measured shapes (red) and the updated model (blue): sway along y, x, and torsion.
 
 # %% mystnb={"image": {"alt": "Three mode shapes of the frame: grey at rest, blue the updated model, red lines with dots what eight sensors measured; the dots are near the model"}}
-shapes = ef.figures.plot_shapes(run, modes=[1, 2, 3])
-shapes
+ef.figures.plot_shapes(run, modes=[1, 2, 3])
 
 # %%
 ef.pairing_table(idata)
 
 # %% [markdown]
-# In some samples the sway modes have changed places. A comparison in ascending order
-# would have used the wrong modes there (last column).
-#
-# If the fit is bad, do not report numbers: chains of a wrong model converge too. Look at
-# the inferred errors, and at the sentences of {py:func}`~emcee_femu.identifiability`:
+# In some samples the sway modes have changed places (last column). If the fit is bad,
+# do not report numbers: look at the inferred errors, and at the sentences of
+# {py:func}`~emcee_femu.identifiability`:
 
 # %%
 print(*ef.identifiability(idata).findings, sep="\n")
@@ -207,15 +186,9 @@ print(*ef.identifiability(idata).findings, sep="\n")
 # %% [markdown]
 # ## The report
 #
-# Tables convert to pandas; `idata` is an ArviZ object with samples, predictions, priors
-# and data in one file. {py:func}`~emcee_femu.report` writes all of it as one HTML page.
-
-# %%
-ef.parameter_table(idata).to_frame().to_csv(directory / "parameters.csv")
-figure.savefig(directory / "predicted.png", dpi=150)
-idata.to_netcdf(directory / "posterior.nc")
-
-# %% [markdown]
+# {doc}`/how_to/report` writes all of it as one HTML page, or tables and figures in a
+# document of your own. A few lines say how it was done:
+#
 # *Prior: lognormal, 210 GPa, 20 %, for each stiffness; half-normal for the errors.
 # Likelihood: six frequencies with 0.2 % of measurement error and an inferred model
 # error; six shapes at eight sensors. Modes paired by MAC. Four ensembles, run until
@@ -236,10 +209,8 @@ for name, value in truth.items():
 left = ef.parameter_table(idata).column("sd/prior sd")  # columns, beams x, beams y
 assert left[0] < 0.1 < left[2] < left[1] < 0.4
 assert 0.006 < draws["frequency error"].values.mean() < 0.009
-predicted = ef.predictive_table(idata, posterior)
-assert set(predicted.column("inside")) == {"yes"}
-finding = ef.identifiability(idata).findings[0]
-assert finding.startswith("The data inform every parameter")
+assert set(ef.predictive_table(idata, posterior).column("inside")) == {"yes"}
+assert "The data inform every parameter" in ef.identifiability(idata).findings[0]
 assert 0.04 < draws["shape error"].values.mean() < 0.08
 assert pairing.mac.min() > 0.9 and [*pairing.model_mode[0]] == [2, 1, 3, 5, 4, 6]
 wrong = ef.pairing_table(idata).column("wrong by index in %")

@@ -2,11 +2,13 @@
 # # Unknown noise and model error
 #
 # How large are the errors in your likelihood, and where do they come from? This page
-# uses the scatter of repeated tests without overconfidence, infers the error that
-# nobody measured, and checks whether the result can be trusted. Simulated buildings,
-# whose truth is known, show that this matters.
+# infers the error that nobody measured, and checks whether the result can be trusted.
+# Simulated buildings, whose truth is known, show that this matters. `python
+# examples/tutorials/noise_and_model_error.py` runs this page (12 s).
 #
-# `python examples/tutorials/noise_and_model_error.py` runs this page (12 s).
+# A building has six storeys. Its model has two parameters, the factors of the nominal
+# stiffness of the lower and of the upper three storeys. Five frequencies are measured.
+# Units: kN, t, m.
 
 # %%
 import numpy as np
@@ -14,12 +16,6 @@ from scipy import stats
 
 import emcee_femu as ef
 
-# %% [markdown]
-# A building has six storeys. Its model has two parameters, the factors of the nominal
-# stiffness of the lower and of the upper three storeys. Five frequencies are measured.
-# Units: kN, t, m.
-
-# %%
 N, MASS, STIFFNESS = 6, 20.0, 30e3
 DRIFT = np.eye(N) - np.eye(N, k=-1)  # floors to storey drifts
 
@@ -45,10 +41,7 @@ print(exact.round(3), "Hz")
 # | what the tests of one campaign share: temperature, mounting, calibration | as large | no | leave the scatter undivided |
 # | the model's own: what it leaves out | 1 to 2 % for a good model | no | `discrepancy=`, inferred |
 #
-# {py:class}`~emcee_femu.FrequencyTerm` takes the first as one relative standard deviation
-# (`relative_sd=0.002`), as one per mode, in Hz (`sd`), or as a covariance in Hz².
-# {py:meth}`~emcee_femu.Measurements.from_repeats` makes the covariance from several
-# tests, **of one test**, not of their mean: {doc}`/how_to/repeated_tests` says why.
+# {doc}`/how_to/csv_and_uff` makes the covariance **of one test** from several.
 #
 # ## The model's own error
 #
@@ -77,8 +70,8 @@ print("sd of the model error in %:", (100 * errors.std(axis=0)).round(2))
 # %% [markdown]
 # So this 6 % is 1 % in the frequencies, five times the scatter of a test. Here is one
 # such building, updated twice: with the 0.2 % of the test alone, and with a
-# `discrepancy`. This is an additional error of the model, whose size is a parameter.
-# Its prior, half-normal of scale 2 %, says which size would not surprise.
+# `discrepancy`, an additional error whose size is a parameter. Its prior, half-normal
+# of scale 2 %, says which size would not surprise.
 
 # %%
 SCATTER = 0.002
@@ -97,17 +90,13 @@ def inferred(f):
 
 rng = np.random.default_rng(8)
 measured = building(rng) * (1 + SCATTER * rng.normal(size=5))
-results = {}
-for treat in (ignored, inferred):
-    posterior = treat(measured)
-    run = ef.run(posterior, seed=1)
-    idata = ef.to_inference_data(run)
-    results[treat] = posterior, idata
+runs = {treat: ef.run(treat(measured), seed=1) for treat in (ignored, inferred)}
+for treat, run in runs.items():
     print(treat.__name__ + ":", ef.diagnose(run).short)
-ef.parameter_table(results[ignored][1], true=truth)
+ef.parameter_table(runs[ignored], true=truth)
 
 # %%
-ef.parameter_table(results[inferred][1])
+ef.parameter_table(runs[inferred])
 
 # %% [markdown]
 # Both chains have converged, but the first posterior does not fit: two of five
@@ -146,17 +135,16 @@ for label, share in coverage.items():
     print(f"model error {label}: {share:.0f} % of 60 intervals hold the truth")
 
 # %% [markdown]
-# If model error is ignored, the 95 % intervals hold the truth in a minority of cases:
-# they are far too narrow. If it is inferred, they are right. (Sixty intervals are few:
-# a share of 95 % is known to about ± 6 %. The term also assumes that errors are
-# independent from mode to mode, which is roughly so here.)
+# If model error is ignored, the 95 % intervals are far too narrow. If it is inferred,
+# they are right. (Sixty intervals are few: a share of 95 % is known to about ± 6 %. The
+# term also assumes errors that are independent from mode to mode.)
 #
 # ## Does the model predict the test?
 #
 # One check needs no truth: would a new measurement fall near the one that was made?
 
 # %%
-ef.predictive_table(results[ignored][1], results[ignored][0])
+ef.predictive_table(runs[ignored])
 
 # %% [markdown]
 # Two of five measured values lie outside of intervals that should hold 95 %: the error
@@ -164,7 +152,7 @@ ef.predictive_table(results[ignored][1], results[ignored][0])
 # error the thin lines, 95 % intervals of a new measurement, cross zero for all modes:
 
 # %% mystnb={"image": {"alt": "Deviations of five frequencies in percent; the thin lines of new measurements reach over zero for all modes"}}
-ef.figures.plot_predictive(results[inferred][1], results[inferred][0])
+ef.figures.plot_predictive(runs[inferred])
 
 # %% [markdown]
 # ## Which prior for the error?
@@ -177,30 +165,22 @@ ef.figures.plot_predictive(results[inferred][1], results[inferred][0])
 #
 # ## Unknown noise
 #
-# If nobody knows the scatter of the test, leave it out. The same argument then infers
-# one relative standard deviation for all modes, by the formula of
-# {doc}`/explanation/likelihoods` without R:
-# `FrequencyTerm(measured, discrepancy="noise")`. The name is yours. The inferred error
-# is noise and model error together, since one test cannot separate them. Only repeats
-# determine the noise alone: give it as `relative_sd`, and `discrepancy` then infers the
-# model's error on top.
-#
-# The prior of the noise needs a lower bound above zero, such as `(0.001, 0.05)`. With as
-# many parameters as frequencies, or more, the model can fit all of them exactly, and the
-# likelihood grows without bound as the noise goes to zero.
+# If nobody knows the scatter of the test, leave it out:
+# `FrequencyTerm(measured, discrepancy="noise")` infers one relative standard deviation
+# for all modes, which is noise and model error together, since one test cannot separate
+# them. Its prior needs a lower bound above zero, such as `(0.001, 0.05)`: if the model
+# can fit all frequencies exactly, the likelihood grows without bound towards zero.
 
 # %% tags=["remove-cell"]
 assert 0.6 < 100 * errors.std(axis=0).mean() < 1.4
 sds = {}
-for treat, (_, idata) in results.items():
-    draws = [idata["posterior"][name].values for name in truth]
-    sds[treat] = np.array([x.std() for x in draws])
-    low, high = np.quantile(np.array(draws).reshape(2, -1), [0.025, 0.975], axis=1)
+for treat, run in runs.items():
+    draws = np.concatenate([sampler.get_chain(flat=True) for sampler in run])[:, :2]
+    sds[treat] = draws.std(axis=0)
+    low, high = np.quantile(draws, [0.025, 0.975], axis=0)
     known = (low < true) & (true < high)
     assert known.all() if treat is inferred else not known.any()
 assert 6 < (sds[inferred] / sds[ignored]).mean() < 11
 assert coverage["ignored"] < 45 and coverage["inferred"] > 87
-outside = ef.predictive_table(*results[ignored][::-1]).column("inside")
-assert outside.count("no") == 2
-predicted = ef.predictive_table(*results[inferred][::-1]).column("inside")
-assert set(predicted) == {"yes"}
+inside = [ef.predictive_table(run).column("inside") for run in runs.values()]
+assert inside[0].count("no") == 2 and set(inside[1]) == {"yes"}
