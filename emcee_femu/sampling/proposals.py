@@ -270,31 +270,29 @@ def _refit(draws: Draws, mixture: Mixture) -> Mixture:
     use = shares > 1e-12 * shares.max()
     x, shares = draws.x[use], shares[use]
     size, d = 1.0 / np.sum(shares**2), x.shape[1]
-    each = 1 + d + d * (d + 1) / 2  # parameters of a component
     candidates = []
     for df in DFS:
         other = replace(mixture, df=df)
         candidates.append((-2 * size * float(shares @ other.log_density(x)), other))
     for fitted, gained in _fits(x, shares, draws.log_p[use], mixture):
-        criterion = 2 * len(fitted.weights) * each - 2 * size * gained
-        candidates.append((criterion, fitted))
+        parameters = len(fitted.weights) * (1 + d + d * (d + 1) / 2)
+        candidates.append((2 * parameters - 2 * size * gained, fitted))
     chosen = min(candidates, key=lambda pair: pair[0])[1]
+
+    def share(fitted: Mixture) -> float:
+        return draws.effective_share(cover(fitted))
+
+    tails = [replace(chosen, df=df) for df in DFS]
+    # In many dimensions a fit looks better by its own draws than it is: keep a good one.
+    if chosen.means is mixture.means and max(map(share, tails)) > HIGH_SHARE:
+        return max(tails, key=share)
     # By the effective share, which regions of large weights spoil most: EM on weights
     # that stress them brings the mixture nearer to its largest effective share.
     excess = draws.log_p[use] - chosen.log_density(x)
     stressed = shares * np.exp(0.5 * (excess - excess.max()))
     again = chosen.improve(x, stressed / stressed.sum(), STRESSED)[0]
-    # The share flatters a fit by these draws: where Akaike's criterion wants none, this
-    # one has to gain what it spends.
-    refused = chosen.means is mixture.means
-    spent = 2 * len(again.weights) * each / size if refused else 0.0
-    tails = []
-    for fitted, by in ((chosen, 0.0), (again, spent)):
-        for df in DFS:
-            other = replace(fitted, df=df)
-            share = draws.effective_share(cover(other)) * np.exp(-by)
-            tails.append((share, other))
-    return max(tails, key=lambda pair: pair[0])[1]
+    tails += [replace(again, df=df) for df in DFS]
+    return max(tails, key=share)
 
 
 def _fits(
