@@ -283,7 +283,7 @@ def _refit(draws: Draws, mixture: Mixture) -> Mixture:
         return draws.effective_share(cover(fitted))
 
     tails = [replace(chosen, df=df) for df in DFS]
-    # In many dimensions a fit looks better by its own draws than it is: keep a good one.
+    # In many dimensions a fit looks better by its own draws than it is.
     if chosen.means is mixture.means and max(map(share, tails)) > HIGH_SHARE:
         return max(tails, key=share)
     # By the effective share, which regions of large weights spoil most: EM on weights
