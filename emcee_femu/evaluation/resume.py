@@ -15,13 +15,13 @@ import numpy as np
 
 from .. import checks
 from ..contracts import Floats
-from ..posterior.log_posterior import LogPosterior
+from ..posterior.log_posterior import Kind, LogPosterior
 from ..posterior.priors import list_laws
 from .evaluator import Evaluation, Solver
 from .failures import FailureLog
 from .pools import open_pool
 from .samplers import describe_object
-from .store import Store, StoredEvaluation
+from .store import Record, Store
 
 logger = logging.getLogger("emcee_femu")
 
@@ -30,6 +30,7 @@ SHOWN_NUMBERS = 64  # numbers of an array; of a larger one the digest is kept
 PROBED = 16  # stored points solved again, at most
 # Of the largest value of a variable, to which the tolerance is relative.
 LEAST_DIFFERENCE = 1e-3
+MOST_LOST = 256  # points of a batch that a kill may lose
 LOG_BOX = "logarithm of the volume of the box"
 
 
@@ -227,3 +228,68 @@ def _first_difference(
     values = dict(zip(posterior.names, theta[point].tolist(), strict=True))
     label, old, new = posterior.labels[column], was[point, column], now[point, column]
     return f"{label} was {old:.12g} and is {new:.12g} at {values}"
+
+
+class StoredEvaluation(Evaluation):
+    """An evaluation that stores each batch, or finds it in the file.
+
+    A search is replayed from the file: it asks for the same batches in the same order,
+    until the file ends.
+    """
+
+    def __init__(self, evaluation: Evaluation, store: Store) -> None:
+        super().__init__(evaluation.solver, evaluation.pool, evaluation.failures)
+        self.store, self._number, self._end = store, 0, store.lengths().get(0, 0)
+
+    def rows(self, theta: Floats) -> Floats:
+        """Return the rows of the posterior at ``theta (n, d)``, part by part."""
+        starts = range(0, max(len(theta), 1), MOST_LOST)
+        parts = [self.stack(theta[i : i + MOST_LOST], "rows") for i in starts]
+        return np.concatenate(parts)
+
+    def each(self, theta: Floats) -> Iterator[tuple[int, Floats]]:
+        """Yield number and row of each point, in the order in which they came."""
+        waiting = list(range(len(theta)))
+        while waiting and (record := self._next()) is not None:
+            same = [i for i in waiting if np.array_equal(theta[i], record.theta[0])]
+            self._go_on(record, record.kind == "rows" and bool(same))
+            waiting.remove(same[0])
+            yield same[0], record.values[0]
+        for number, row in super().each(theta[waiting]):
+            place = waiting[number]
+            self._append("rows", theta[place : place + 1], row[None])
+            yield place, row
+
+    def stack(self, theta: Floats, kind: Kind) -> Floats:
+        """Return the requested quantities at ``theta (n, d)`` in one array."""
+        record = self._next()
+        if record is None:
+            values = self.solve(theta, kind)
+            self._append(kind, theta, values)
+            return values
+        same = record.kind == kind and np.array_equal(record.theta, theta)
+        self._go_on(record, same)
+        return record.values
+
+    def _next(self) -> Record | None:
+        """Return the next record of the file, None at its end."""
+        if self._number >= self._end:
+            return None
+        return next(self.store.read(0, range(self._number, self._number + 1)))
+
+    def _go_on(self, record: Record, same: bool) -> None:
+        """Count the solves of a record and move on; refuse one of another search."""
+        if not same:
+            raise ValueError(
+                "resume: the search differs from the one recorded in "
+                f"{self.store.path}, although the posterior is the same: results "
+                "depend on the machine and on library versions. Continue where the "
+                "run began, or give another file name"
+            )
+        self._number += 1
+        self.restore(record.counts)
+
+    def _append(self, kind: Kind, theta: Floats, values: Floats) -> None:
+        record = Record(kind, theta, values, self.counts)
+        self.store.append(0, self._number, record)
+        self._number = self._end = self._number + 1

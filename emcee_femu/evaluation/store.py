@@ -40,7 +40,6 @@ TABLES = (
 )
 WAITED = 60.0  # s for another program that reads or writes
 SLOW = 0.1  # s between records from which each of them survives a power loss too
-MOST_LOST = 256  # points of a batch that a kill may lose
 
 
 class Record(NamedTuple):
@@ -365,68 +364,3 @@ class StoredChain(emcee.backends.Backend):
         self.last, self.random_state = last, state.random_state
         self.remembered = remembered
         self.iteration, self.accepted = self.iteration + 1, total
-
-
-class StoredEvaluation(Evaluation):
-    """An evaluation that stores each batch, or finds it in the file.
-
-    A search is replayed from the file: it asks for the same batches in the same order,
-    until the file ends.
-    """
-
-    def __init__(self, evaluation: Evaluation, store: Store) -> None:
-        super().__init__(evaluation.solver, evaluation.pool, evaluation.failures)
-        self.store, self._number, self._end = store, 0, store.lengths().get(0, 0)
-
-    def rows(self, theta: Floats) -> Floats:
-        """Return the rows of the posterior at ``theta (n, d)``, part by part."""
-        starts = range(0, max(len(theta), 1), MOST_LOST)
-        parts = [self.stack(theta[i : i + MOST_LOST], "rows") for i in starts]
-        return np.concatenate(parts)
-
-    def each(self, theta: Floats) -> Iterator[tuple[int, Floats]]:
-        """Yield number and row of each point, in the order in which they came."""
-        waiting = list(range(len(theta)))
-        while waiting and (record := self._next()) is not None:
-            same = [i for i in waiting if np.array_equal(theta[i], record.theta[0])]
-            self._go_on(record, record.kind == "rows" and bool(same))
-            waiting.remove(same[0])
-            yield same[0], record.values[0]
-        for number, row in super().each(theta[waiting]):
-            place = waiting[number]
-            self._append("rows", theta[place : place + 1], row[None])
-            yield place, row
-
-    def stack(self, theta: Floats, kind: Kind) -> Floats:
-        """Return the requested quantities at ``theta (n, d)`` in one array."""
-        record = self._next()
-        if record is None:
-            values = self.solve(theta, kind)
-            self._append(kind, theta, values)
-            return values
-        same = record.kind == kind and np.array_equal(record.theta, theta)
-        self._go_on(record, same)
-        return record.values
-
-    def _next(self) -> Record | None:
-        """Return the next record of the file, None at its end."""
-        if self._number >= self._end:
-            return None
-        return next(self.store.read(0, range(self._number, self._number + 1)))
-
-    def _go_on(self, record: Record, same: bool) -> None:
-        """Count the solves of a record and move on; refuse one of another search."""
-        if not same:
-            raise ValueError(
-                "resume: the search differs from the one recorded in "
-                f"{self.store.path}, although the posterior is the same: results "
-                "depend on the machine and on library versions. Continue where the "
-                "run began, or give another file name"
-            )
-        self._number += 1
-        self.restore(record.counts)
-
-    def _append(self, kind: Kind, theta: Floats, values: Floats) -> None:
-        record = Record(kind, theta, values, self.counts)
-        self.store.append(0, self._number, record)
-        self._number = self._end = self._number + 1

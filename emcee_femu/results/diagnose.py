@@ -10,7 +10,7 @@ from scipy import stats
 
 from ..posterior.log_posterior import LogPosterior
 from ..sampling.first_solve import doubt_units, is_constant, same_response
-from ..sampling.modes import ModeWeights
+from ..sampling.judge import ModeWeights
 from ..sampling.record import Chains
 from ..sampling.verdict import (
     NO_CHAINS,

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
-from ..evaluation.store import StoredEvaluation
+from ..evaluation.resume import StoredEvaluation
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre, summarize_prior
 

@@ -2,36 +2,32 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from os import PathLike
-from typing import Any
 
 import emcee
-import numpy as np
 from emcee.backends import Backend
 from numpy.typing import ArrayLike
 
 from .. import checks
 from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
-from ..evaluation.resume import logger, open_evaluator
+from ..evaluation.resume import StoredEvaluation, logger, open_evaluator
 from ..evaluation.samplers import (
     Sampler,
     Weighted,
-    caption,
     check_progress,
     complete,
     copy_moves,
     foreign_moves,
     progress_bar,
-    take_turns,
 )
-from ..evaluation.store import Store, StoredChain, StoredEvaluation
+from ..evaluation.store import Store, StoredChain
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
+from .advance import sample_steps, sample_until
 from .arguments import (
     Moves,
     check_backends,
@@ -42,22 +38,11 @@ from .arguments import (
 from .auto import budget_of, search_and_start
 from .first_solve import check_first_solve, draw_starts, time_batch
 from .record import (
-    STOPPED_BY_SOLVES,
     STOPPED_BY_STEPS,
-    STOPPED_BY_VERDICT,
     Run,
     SearchRecord,
-    read_backends,
 )
-from .verdict import NOT_CONVERGED, judge_chains, measure
 
-# Without steps= the verdict is asked first at so many steps, a little more than the 50
-# that tau takes, then each time at a quarter more: few looks, and little too much.
-FIRST_LOOK, LOOK_FURTHER = 60, 1.25
-FIRST_STEPS = 4  # by which it is known what a step costs
-# Relative error of a standard deviation: less than in a verdict that is asked once, so
-# that one in fifty of those that end there is more than 12 % off.
-SD_AT_END = 0.05
 # Evaluations for whose chain a search is made then, and this part of few solves, of
 # which it has half.
 SIZED_FOR, SIZED_BY = 10_000, 3
@@ -114,7 +99,7 @@ def run(
             temperature.
         steps: Number of stored steps. None to stop as soon as the chains have
             converged, every parameter has ``ess`` effective samples and standard
-            deviations are known to 7 %.
+            deviations are known to 5 %.
         ess: Effective sample size (bulk and tail) at which a run without ``steps``
             stops.
         solves: Maximum number of solves, search included, if ``steps`` is None.
@@ -284,12 +269,12 @@ def run(
         turns = parts if together else None
         try:
             if steps is None:
-                stopped = _sample_until(
+                stopped = sample_until(
                     record, states, parts, ess, solves, thin_by, progress, fresh, turns
                 )
             else:
                 bar = progress_bar(progress, steps * ensembles, "sampling")
-                _sample(samplers, states, steps, thin_by, bar, fresh, turns)
+                sample_steps(samplers, states, steps, thin_by, bar, fresh, turns)
                 stopped = STOPPED_BY_STEPS
         except BaseException as error:  # also of the keyboard: nothing is lost
             error.run = record  # type: ignore[attr-defined]
@@ -348,121 +333,6 @@ def _search(
         complete(evaluator.bar)
     evaluator.bar = Evaluation.bar
     return found
-
-
-def _sample_until(
-    record: Run,
-    states: Sequence[emcee.State],
-    parts: Sequence[Evaluation],
-    ess: float,
-    solves: int,
-    thin_by: int,
-    progress: bool | str,
-    fresh: Weighted | None,
-    together: Sequence[Evaluation] | None,
-) -> str:
-    """Advance all ensembles until the verdict is good, or solves are spent.
-
-    The verdict is asked at steps that depend on nothing, so that a run which is
-    resumed has the same end. See :func:`_sample` for the arguments.
-
-    Returns:
-        Why it ended.
-    """
-    samplers = record.samplers
-    bar = progress_bar(progress, solves, "sampling")
-    with bar:
-        for part in parts:
-            part.bar = bar
-        bar.update(record.solves)
-        while True:
-            lengths = [sampler.iteration for sampler in samplers]
-            done, even = max(lengths), min(lengths) == max(lengths)
-            look = next_look(done)
-            left = solves - record.solves
-            if even:
-                if done == look:
-                    converged, text = _ask(record, ess)
-                    caption(bar, text)
-                    if converged:
-                        return STOPPED_BY_VERDICT
-                    look = next_look(done + 1)
-                each = thin_by * sum(sampler.nwalkers for sampler in samplers)
-                # A proposal of some moves takes several solves, which steps show; a
-                # few of them before many, and half of what is left before the rest.
-                if done:
-                    each = max(each, -(-(record.solves - record.evaluations) // done))
-                room = left // each
-                look = min(look, done + room - room // 2, 2 * done + FIRST_STEPS)
-                if look <= done:
-                    return STOPPED_BY_SOLVES
-            _sample(samplers, states, look, thin_by, None, fresh, together)
-            states = [sampler.get_last_sample() for sampler in samplers]
-
-
-def _ask(record: Run, ess: float) -> tuple[bool, str]:
-    """Return whether chains converged and are long enough, and that in words."""
-    betas = ladder_of([move for move, _ in record.moves])
-    chains = replace(
-        read_backends([sampler.backend for sampler in record], betas),
-        names=record.posterior.names,
-        search=record.search,
-        starts_given=record.starts_given,
-    )
-    diagnosis = measure(chains)
-    chain = judge_chains(diagnosis, record.starts_given, 0)
-    least = np.nan_to_num([diagnosis.ess_bulk, diagnosis.ess_tail]).min()
-    known = chain.status != NOT_CONVERGED and least >= ess
-    known &= not (diagnosis.sd_error > SD_AT_END).any()
-    return known, f"sampling, ESS {least:,.0f} of {ess:,.0f}, {chain.short}"
-
-
-def next_look(steps: int) -> int:
-    """Return the first number of steps, from these on, at which the verdict is asked.
-
-    Examples:
-        >>> [next_look(steps) for steps in (0, 61, 76)]
-        [60, 75, 94]
-    """
-    look = FIRST_LOOK
-    while look < steps:
-        look = math.ceil(LOOK_FURTHER * look)
-    return look
-
-
-def _sample(
-    samplers: Sequence[Sampler],
-    states: Sequence[emcee.State],
-    steps: int,
-    thin_by: int,
-    bar: Any,
-    fresh: Weighted | None,
-    together: Sequence[Evaluation] | None,
-) -> None:
-    """Advance all ensembles to ``steps``, one after another or in turns on a pool.
-
-    Args:
-        samplers: One of each ensemble.
-        states: Where each goes on from.
-        steps: Stored steps of each in the end.
-        thin_by: Steps for each that is stored.
-        bar: What shows steps; None for nothing.
-        fresh: Moves as they were given, by which what a move remembers is checked.
-        together: What evaluates for each ensemble, where they take turns.
-    """
-    left = [steps - sampler.iteration for sampler in samplers]
-    bar = progress_bar(False, 0, "") if bar is None else bar
-    bar.update(steps * len(samplers) - sum(left))
-
-    def advance(number: int) -> None:
-        samplers[number].advance(states[number], left[number], thin_by, bar, fresh)
-
-    with bar:
-        if together is not None:
-            take_turns(together, advance)
-        else:
-            for number in range(len(samplers)):
-                advance(number)
 
 
 def _open_chains(

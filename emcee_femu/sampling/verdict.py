@@ -13,6 +13,7 @@ from ..contracts import Floats
 from ..table import Parts, Report, Table
 from .importance import FAIR_SHARE, GOOD_K
 from .judge import (
+    ModeWeights,
     check_length,
     effective_sizes,
     excess_scatter,
@@ -21,8 +22,8 @@ from .judge import (
     size_by_means,
     sizes_by_means,
     tau_by_ensemble,
+    weigh_modes,
 )
-from .modes import ModeWeights, weigh_modes
 from .record import ENDED, Chains
 
 # Steps per autocorrelation time below which tau itself is unreliable.

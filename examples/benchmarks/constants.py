@@ -35,7 +35,7 @@ from hard_targets import Run, Truth, compare, judge
 import emcee_femu as ef
 from emcee_femu.table import Table
 
-OWNERS = """run auto search record response_surface anneal tails climbing curvature
+OWNERS = """run advance auto search record response_surface anneal tails climbing curvature
     quadratic proposals importance""".split()  # what is imported after what imports
 MODULES = {owner: import_module(f"emcee_femu.sampling.{owner}") for owner in OWNERS}
 LEFT_OUT = """KEPT_WEIGHTS FOLLOWED_MAC TOUCHING NARROWEST CURVATURE_ROUNDED NO_SENSE

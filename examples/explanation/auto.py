@@ -134,8 +134,8 @@ idata = ef.to_inference_data(run)  # no discard
 # | | value | halved: solves | conv. | wrong | doubled: solves | conv. | wrong |
 # |---|---|---|---|---|---|---|---|
 # | today | | 1.00 | 10 | 0 | 1.00 | 10 | 0 |
-# | `run.FIRST_LOOK` | 60 | 1.00 | 10 | 0 | 1.04 | 10 | 0 |
-# | `run.SD_AT_END` | 0.07 | 1.18 | 10 | 0 | 1.00 | 10 | 0 |
+# | `advance.FIRST_LOOK` | 60 | 1.00 | 10 | 0 | 1.04 | 10 | 0 |
+# | `advance.SD_AT_END` | 0.07 | 1.18 | 10 | 0 | 1.00 | 10 | 0 |
 # | `run.SIZED_FOR` | 10000 | 0.79 | 10 | 0 | 1.08 | 10 | 0 |
 # | `auto.LEAST_BUDGET` | 30000 | 1.10 | 10 | 0 | 1.01 | 10 | 0 |
 # | `auto.SEARCHED_SHARE` | 0.2 | 0.90 | 10 | 0 | 1.08 | 10 | 0 |
