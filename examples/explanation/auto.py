@@ -28,7 +28,7 @@ run
 # ## 1. Search
 #
 # The search solves 2,000 points; with `steps=`, a fifth as many as the chain has
-# evaluations, at least 1,000. A bare log-likelihood, whose climbs are dear, gets as
+# evaluations, from 1,000 to 5,000. A bare log-likelihood, whose climbs are dear, gets as
 # many as the chain, up to 10,000. Half of them are draws of the prior; half are about the
 # modes found so far, at 2, 4, 8 times their widths and so on. Each ensemble climbs from
 # its best point. It then climbs from points whose density is higher than that of the

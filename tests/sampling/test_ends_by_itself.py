@@ -66,6 +66,12 @@ def test_it_ends_when_its_solves_are_spent_and_goes_on_with_more(tmp_path, ended
         assert_array_equal(chains(found), chains(ended))
 
 
+def test_workers_change_nothing():
+    one, two = (run(ess=400, workers=number) for number in (None, 2))
+    assert one.stopped == "converged" and one[0].iteration > LOOKS[1]
+    assert_array_equal(chains(one), chains(two))
+
+
 def test_one_ensemble_ends_when_it_is_well_mixed():
     found = run(ensembles=1, ess=2_000)
     assert found.stopped == "converged"

@@ -36,7 +36,7 @@ def test_resampling_is_unbiased_and_off_by_less_than_one_each():
 
 
 def gaussian(x):
-    return -0.5 * (x**2).sum(axis=1) - 3 * np.log(2 * np.pi)
+    return -0.5 * (x**2 + np.log(2 * np.pi)).sum(axis=1)
 
 
 def three_modes(x):
@@ -51,6 +51,7 @@ def three_modes(x):
     [
         (gaussian, 6, 0.0, 1.0, 0.88),  # too heavy tails
         (gaussian, 6, 0.5, 0.3, 0.83),  # too narrow, and beside it
+        (gaussian, 20, 0.0, 1.0, 0.8),  # nothing but tails, though draws are few
         (three_modes, 2, 0.0, 1.0, 0.6),  # of one mode alone
     ],
 )
