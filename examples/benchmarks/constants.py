@@ -35,8 +35,8 @@ from hard_targets import Run, Truth, compare, judge
 import emcee_femu as ef
 from emcee_femu.table import Table
 
-OWNERS = """run advance auto search record response_surface anneal tails climbing curvature
-    quadratic proposals importance""".split()  # what is imported after what imports
+OWNERS = """run advance auto search record response_surface anneal tails climbing
+    curvature quadratic proposals importance""".split()  # each after what imports it
 MODULES = {owner: import_module(f"emcee_femu.sampling.{owner}") for owner in OWNERS}
 LEFT_OUT = """KEPT_WEIGHTS FOLLOWED_MAC TOUCHING NARROWEST CURVATURE_ROUNDED NO_SENSE
     FEWEST_WEIGHTS LAST_POWERS MOST_THOROUGH AGREED TEMPERATURE_SHARES NO_MODE BRIEF
