@@ -125,6 +125,24 @@ def test_the_budget_of_evaluations_is_for_all_ensembles(evaluations, steps):
     assert posterior.model.rows > 4 * 20 * steps / 2
 
 
+def test_a_quarter_is_burn_in_but_of_what_starts_from_the_posterior():
+    options = SMALL | {"steps": 40}
+    found = ef.compare_moves(
+        linear(), {"DE-MC": ef.DEMCMove(), "auto": "auto"}, **options
+    )
+    sizes = [idata["posterior"].sizes["draw"] for idata in found.idata.values()]
+    assert sizes == [30, 40]
+    # All that was evaluated counts for both.
+    spent, before, efficiency, whole = (
+        np.array(found.table.column(name))
+        for name in ("FE solves", "before chain", "ESS per 1000", "end to end")
+    )
+    each = WALKERS * ENSEMBLES
+    kept = each * np.array(sizes)
+    assert_allclose(whole, efficiency * kept / (each * 40 + before), rtol=1e-9)
+    assert (spent <= each * 40 + before).all()
+
+
 class OtherStream(ef.MetropolisMove):
     """The same law from other random numbers."""
 

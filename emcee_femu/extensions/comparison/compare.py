@@ -91,7 +91,8 @@ def compare_moves(
         ensembles: Number of independent ensembles, at least 2, started from draws of
             the prior.
         seed: A whole number, the same for every move.
-        discard: Stored steps to drop as burn-in; None for a quarter of them.
+        discard: Stored steps to drop as burn-in; None for a quarter of them, and for
+            none of "auto", which starts from weighted draws of the posterior.
         reference: Known ``(mean, sd)`` of the posterior by parameter name, for some or
             all parameters.
 
@@ -140,18 +141,19 @@ def compare_moves(
         clock = time.process_time()
         sampled = run(posterior, move, nwalkers, steps, ensembles=ensembles, seed=seed)
         cpu = time.process_time() - clock
+        burnt = 0 if discard is None and sampled.search is not None else dropped
         evaluations = ensembles * nwalkers * _count_cost(sampled.moves)
-        ess = [diagnose(sampler, dropped).ess_bulk.min() for sampler in sampled]
+        ess = [diagnose(sampler, burnt).ess_bulk.min() for sampler in sampled]
         entries.append(
             Entry(
                 label=label,
-                diagnosis=diagnose(sampled, dropped),
+                diagnosis=diagnose(sampled, burnt),
                 ess=np.array(ess),
-                kept=round(evaluations * (steps - dropped)),
+                kept=round(evaluations * (steps - burnt)),
                 chain=round(evaluations * steps),
                 cpu=cpu,
                 run=sampled,
-                idata=to_inference_data(sampled, discard=dropped),
+                idata=to_inference_data(sampled, discard=burnt),
             )
         )
     winner, words = conclude(entries)
@@ -163,7 +165,9 @@ def compare_moves(
             )
     title = (
         f"Moves compared: {ensembles} ensembles of {nwalkers} walkers, the first "
-        f"{dropped} of {steps} steps dropped; ESS per 1000 log-posterior evaluations"
+        f"{dropped} of {steps} steps dropped"
+        f"{', of auto none' if discard is None and None in weighted.values() else ''}; "
+        "ESS per 1000 log-posterior evaluations"
     )
     return Comparison(
         table=_tabulate(title, entries, moments),
