@@ -32,9 +32,7 @@ GOOD_RHAT = 1.01  # Vehtari et al. (2021), doi:10.1214/20-BA1221
 # R-hat over walkers is about sqrt(1 + 2 tau / steps), 1.02 at 50 tau. More means
 # walkers that stay apart, which tau cannot see: it centres each walker on its own mean.
 WALKERS_APART = 1.05
-# Relative standard error of a standard deviation. (Of ten runs on thin arms that had
-# spent 200,000 solves at .05 to .1, two were 17 % off.)
-SD_KNOWN_TO = 0.07
+SD_KNOWN_TO = 0.1  # relative standard error of a standard deviation
 ERRORS_APART = 4.0  # between two estimates of a weight
 SMALL_WEIGHT = 0.005  # a weight, or a difference of two, that does not matter
 WEIGHT_KNOWN_TO = 0.0125  # standard error of a weight: four of them are 0.05

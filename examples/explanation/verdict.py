@@ -43,7 +43,7 @@ good
 # | N walkers stuck | a parameter of a walker never changed | look at the starts, and at failed solves |
 # | too short | fewer than 50 autocorrelation times | run the steps that it says |
 # | walkers stay apart | R-hat over walkers above 1.05 | run the steps; far above, `moves="auto"` |
-# | sd unknown | a standard deviation is uncertain by 7 % or more (`sd_error`), as in heavy tails, or where walkers wait | run the steps; sample the logarithm of a scale |
+# | sd unknown | a standard deviation is uncertain by 10 % or more (`sd_error`), as in heavy tails, or where walkers wait | run the steps; sample the logarithm of a scale |
 # | ensembles disagree | R-hat over ensembles above 1.01, or means or variances scatter more than their own errors allow | run the steps; far above, `moves="auto"` |
 # | a mode is lost | a search ended, or walkers started, where the chain has none | more walkers |
 # | weights disagree | the weight of a mode differs between the chain and importance sampling | run the steps |
