@@ -60,6 +60,14 @@ def test_damage_alarms(capsys):
     assert min(table.column("95 %")) > 60 and "Alarms" in capsys.readouterr().out
 
 
+@pytest.mark.slow
+def test_default_runs():
+    """The law of its page: a run of the README's example ends within 8,000 solves."""
+    table = load("default_runs").main(1, 0, ("two springs",))
+    assert table.column("converged") == [1]
+    assert table.column("search")[0] < table.column("solves")[0] < 8_000
+
+
 def test_constants_stay_sensible():
     """Whole numbers stay whole, shares below one, degrees of freedom above two."""
     scale = load("constants").scale
