@@ -95,6 +95,7 @@ def test_an_independent_prior_is_its_marginals_in_their_order():
         (stats.lognorm(0.5, scale=2.1e11), (1e11, INF)),
         (stats.expon(), (-1.0, 2.0)),  # wider than the support
         (stats.norm(), (-9.0, -8.0)),
+        (stats.norm(), (9.0, 10.0)),  # where probabilities from below are all one
     ],
 )
 def test_a_cut_marginal_is_renormalised_and_drawn_from(marginal, bounds):

@@ -21,6 +21,7 @@ from support.emulated_gaussians import (
 from support.free_posterior import box, free_posterior
 
 import emcee_femu as ef
+from emcee_femu.extensions.emulation.emulated_chain import EmulatedChain
 
 WIDE_BOX = box(-12.0, 12.0, 3)
 FAR = LogGaussian(np.array([1.6, 0.0, 0.0]), COVARIANCE)
@@ -109,6 +110,11 @@ def test_draws_are_spread_evenly_and_count_as_often_as_they_were_met():
     found = ef.certify(sampled(flat, everywhere), flat, 60, seed=1)
     assert len(found.theta) == found.solves == 60
     assert found.search.status == "not searched"
+    # They are not beside a thin ridge, though each parameter has all its values there.
+    ridge = rng.uniform(-8.0, 8.0, (400, 1)) + rng.normal(0.0, 0.05, (400, 2))
+    chain = EmulatedChain.of(sampled(flat, ridge), flat.prior, rng)
+    on, beside = chain.distance(np.array([[1.0, 1.0], [1.0, -1.0]]))
+    assert on < 1.0 < beside
 
 
 def test_the_error_of_a_difference_is_that_of_the_solved_draws_alone():
@@ -336,7 +342,8 @@ def test_a_corner_that_cannot_be_solved_costs_climbs_alone(on_failure):
             raise ValueError("singular")
         return TRUE(theta)
 
-    found = certify(TRUE, free_posterior(law, WIDE_BOX), on_failure=on_failure)
+    none = {"on_failure": on_failure, "max_failures": 0.0}  # of the draws
+    found = certify(TRUE, free_posterior(law, WIDE_BOX), **none)
     assert found.short == "certified" and found.solves <= 100
     assert "climbs failed" in str(found)
 

@@ -144,6 +144,14 @@ def test_agreement_of_given_starts_is_not_called_converged():
     assert ef.diagnose(list(run), 100).converged  # samplers do not know
 
 
+def test_starts_from_which_auto_only_searches_are_not_held_against_its_chain(tmp_path):
+    options = {"nwalkers": 8, "ensembles": 2, "seed": 1, "backend": tmp_path / "run"}
+    starts = POSTERIOR.start(16, seed=1).reshape(2, 8, 2)
+    run = ef.run(POSTERIOR, starts=starts, ess=1.0, **options)
+    for source in (run, options["backend"]):
+        assert ef.diagnose(source).converged
+
+
 @pytest.mark.parametrize("discard", [0, 5])
 def test_an_arviz_object_is_judged_as_its_samplers(discard):
     runs = ef.run(POSTERIOR, ef.MetropolisMove(sd=0.05), 4, 40, ensembles=3, seed=1)

@@ -120,6 +120,7 @@ ONCE = {"starts": [[0.7, 0.25, 0.05]] + [[0.7, 0.3, 0]] * 3}
         ("proposal too narrow", record(pareto_k=0.71)),
         ("converged", record(share=0.05)),
         ("proposal too narrow", record(share=0.02)),
+        ("converged", record(share=0.01, screened=5)),  # five for a step of theirs
         ("converged", record(share=0.0)),  # only local moves, which are judged
         ("converged", record(**ONE, share=0.0, pareto_k=0.9)),  # no use of it
         ("proposal too narrow", record(share=0.0, pareto_k=0.9)),

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
 from support.free_posterior import box, free_posterior
+from support.gradients import LinearDerived, LinearTerm
 
 import emcee_femu as ef
 
@@ -200,6 +201,15 @@ def test_climbs_and_chains_by_gradients_keep_to_few_solves():
     run = ef.run(skew_posterior(), solves=10_000, seed=3)
     assert run.search.solves < 7_000 and run.solves <= 10_000
     assert run[0].iteration > 8 and run.search.from_prior
+
+
+def test_climbs_from_the_prior_have_their_share_of_a_search_and_no_more():
+    """Of a linear model each takes two solves; they share half the points."""
+    model = LinearDerived()
+    prior = ef.GaussianPrior(model.names, np.zeros(3), 1.0)
+    posterior = ef.LogPosterior(model, LinearTerm(), prior)
+    search = ef.run(posterior, "auto", 24, 2, ensembles=2, seed=1).search
+    assert 0.5 <= 2 * search.from_prior / search.points < 0.6  # and a batch of climbs
 
 
 def test_a_chain_of_trajectories_keeps_to_its_solves():

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
-from support.free_posterior import FreeModel, free_posterior
+from support.free_posterior import FreeModel, box, free_posterior
 
 import emcee_femu as ef
 from emcee_femu.evaluation.evaluator import Evaluation, Solver
 from emcee_femu.sampling import quadratic
-from emcee_femu.sampling.climbing import climb
+from emcee_femu.sampling.climbing import climb, distinct
 from emcee_femu.sampling.coordinates import Coordinates
 from emcee_femu.sampling.quadratic import log_integral, make_positive
 
@@ -81,6 +81,18 @@ def test_a_climb_in_logarithms_ends_at_the_maximum_of_their_density(case):
         assert end.log_evidence == pytest.approx(EVIDENCE, abs=0.05)
         row = positive.rows(evaluator, end.theta[None])[0]
         assert_allclose(end.row, row, rtol=1e-9)
+
+
+def test_a_narrow_maximum_on_the_side_of_a_wide_one_is_another():
+    """It is half a standard deviation of the wide one away, and as high."""
+
+    def density(x):
+        wide, narrow = -0.5 * (x[:, 0] / 10) ** 2, -0.5 * ((x[:, 0] - 5) / 0.3) ** 2
+        return np.logaddexp(wide, np.log(0.12) + narrow)
+
+    evaluator = Evaluation(Solver(free_posterior(density, box(-50, 50, 1)), False))
+    ends = climb(evaluator, np.array([[-3.0], [5.1], [-2.0]]))
+    assert sorted(map(sorted, distinct(ends))) == [[0, 2], [1]]
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -23,7 +23,7 @@ WIDE = ef.IndependenceMove([1.0], [[0.0, 0.0]], [2.0 * np.eye(2)])
 
 
 def run(**changes):
-    return ef.run(POSTERIOR, WIDE, **OPTIONS | changes)
+    return ef.run(POSTERIOR, **{"moves": WIDE} | OPTIONS | changes)
 
 
 def chains(found):
@@ -53,6 +53,23 @@ def test_it_ends_when_it_has_converged_and_is_long_enough(ended):
     earlier = ef.diagnose(shorter)
     least = min(earlier.ess_bulk.min(), earlier.ess_tail.min())
     assert not earlier.chains.status.startswith("converged") or least < 2_000
+
+
+def test_every_standard_deviation_is_known_then(ended, monkeypatch):
+    errors = ef.diagnose(ended).sd_error
+    monkeypatch.setattr("emcee_femu.sampling.run.SD_AT_END", errors.mean())
+    longer = run(ess=2_000)  # one was known as well before, but not both
+    assert longer[0].iteration > ended[0].iteration
+    assert ef.diagnose(longer).sd_error.max() <= errors.mean() < errors.max()
+
+
+def test_tails_are_as_well_known_as_the_centre_then():
+    """Of a proposal that is too narrow: walkers wait in tails."""
+    narrow = ef.IndependenceMove([1.0], [[0.0, 0.0]], [0.5 * np.eye(2)], 5.0)
+    before = ef.diagnose(run(moves=narrow, ess=2_000))
+    centre, tail = before.ess_bulk.min(), before.ess_tail.min()
+    found = run(moves=narrow, ess=(centre + tail) / 2)
+    assert tail < (centre + tail) / 2 <= ef.diagnose(found).ess_tail.min()
 
 
 def test_it_ends_when_its_solves_are_spent_and_goes_on_with_more(tmp_path, ended):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
-from support import pool_problems
+from support import gradients, pool_problems
 from support.pool_problems import LIMIT, START, Beyond, Immediate, forks, left, places
 from support.runs import Still, failures
 
@@ -167,7 +167,19 @@ def test_the_fraction_is_exact_but_not_of_few_solves(first, stop):
     options = REJECT | {"max_failures": 0.25, "nwalkers": 16, "starts": INSIDE}
     with pytest.raises(RuntimeError, match="max_failures"):
         run(posterior_of(failing), **options)
-    assert stop - 8 < len(calls) <= stop + 8  # they are counted by batches
+    assert len(calls) - 1 == stop  # they are counted by batches of eight
+
+
+def test_a_jacobian_that_fails_is_an_error_too():
+    """Differences take its place where modes coincide, not where a program fails."""
+
+    class Broken(gradients.Derived):
+        def jacobian(self, parameters):
+            raise ArithmeticError("no licence")
+
+    posterior = ef.LogPosterior(Broken(), gradients.TERM, gradients.PRIOR)
+    with pytest.raises(ArithmeticError, match="no licence"):
+        ef.run(posterior, steps=2, seed=1)
 
 
 def test_starts_are_drawn_from_the_prior_where_it_can_be_solved():

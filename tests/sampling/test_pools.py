@@ -146,6 +146,8 @@ def test_together_ensembles_are_what_they_are_one_after_another():
             ef.run(posterior, moves, 6, 9, ensembles=3, seed=1, pool=pool)
             for pool in (threads, None)
         )
+        for each in (together[0], alone[0]):  # by itself, on the same pool
+            each.run_mcmc(None, 3)
     assert_same(together, alone)
     # Of gradients that the move keeps from step to step, none is asked for again.
     assert together.solves == alone.solves
