@@ -57,7 +57,7 @@ def test_it_ends_when_it_has_converged_and_is_long_enough(ended):
 
 def test_every_standard_deviation_is_known_then(ended, monkeypatch):
     errors = ef.diagnose(ended).sd_error
-    monkeypatch.setattr("emcee_femu.sampling.run.SD_AT_END", errors.mean())
+    monkeypatch.setattr("emcee_femu.sampling.advance.SD_AT_END", errors.mean())
     longer = run(ess=2_000)  # one was known as well before, but not both
     assert longer[0].iteration > ended[0].iteration
     assert ef.diagnose(longer).sd_error.max() <= errors.mean() < errors.max()
