@@ -11,6 +11,9 @@
 # stiffness, and the others nothing.
 
 # %%
+import tempfile
+from pathlib import Path
+
 import numpy as np
 from scipy import stats
 
@@ -107,8 +110,13 @@ ef.figures.plot_scatter(idata, var_names=falls, truths=truths)
 # (blue: the truth). If the lower part has lost more, the middle one has lost less:
 # frequencies tell their sum better than each of them.
 #
-# A {doc}`report </how_to/report>` has the falls among the parameters.
-#
+# In the report of {py:func}`~emcee_femu.report` the falls stand among the parameters:
+
+# %%
+path = Path(tempfile.mkdtemp(), "mast.html")
+ef.report(idata, path, posterior=run.posterior, title="Mast, before and after").name
+
+# %% [markdown]
 # ## How often is there a false alarm?
 #
 # Say that an alarm is an interval of 95 % that excludes zero. If nothing happened, some
@@ -169,6 +177,7 @@ assert table.column("unit") == ["%"] * 3 and ef.diagnose(run).converged
 true = np.array([*truths.values()])
 low, high = (np.array(table.column(name)) for name in ("2.5 %", "97.5 %"))
 assert (low < true).all() and (true < high).all() and low[0] > 2
+assert "fall lower" in path.read_text(encoding="utf-8")
 means = [np.array(each.column("mean")) for each in (table, unaware, aware)]
 assert (np.abs(means[1] - means[0] - 1) < 0.5).all()
 width = np.subtract(unaware.column("97.5 %"), unaware.column("2.5 %"))
