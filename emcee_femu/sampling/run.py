@@ -166,6 +166,7 @@ def run(
         >>> [sampler.get_chain().shape for sampler in run]
         [(100, 20, 5), (100, 20, 5)]
     """
+    # 1. Check what is asked, before any solve.
     if callable(posterior) and not isinstance(
         getattr(posterior, "posterior", posterior), LogPosterior
     ):
@@ -199,6 +200,7 @@ def run(
         "starts": points,
     }
     backends = check_backends(None if in_file else backend, ensembles)
+    # 2. Open workers and file, and solve once.
     with open_evaluator(
         posterior,
         asked,
@@ -222,14 +224,10 @@ def run(
             evaluations = steps * each
             most = budget_of(evaluations)
         if store is None or not store.lengths().get(1):
-            usual = (weighted is None) * evaluations + evaluations
+            usual = evaluations * (2 if weighted is None else 1)
             usual = USUAL_SOLVES if steps is None else usual
-            # A first call may be far slower than those of a batch, as on a worker,
-            # which imports for it.
-            batched = evaluator.pool is not None or not posterior.one_by_one
-            if LONG_RUN / usual < seconds < BRIEF and batched:
-                seconds = time_batch(evaluator)
-            _warn_if_long(seconds, usual)
+            _warn_if_long(evaluator, seconds, usual)
+        # 3. Search, or draw the starts.
         if weighted is None:
             search, states = _search(
                 evaluator, store, shape, evaluations, most, points, progress
@@ -237,6 +235,7 @@ def run(
             weighted = search.moves(posterior.prior)
         else:
             states = draw_starts(evaluator, *shape, points)
+        # 4. Make a sampler of each ensemble, or open what the file has of it.
         parts = [evaluator.part() for _ in range(ensembles)]
         own = [copy_moves(weighted) for _ in parts]
         if store is not None:
@@ -261,7 +260,7 @@ def run(
             points is not None and search is None,
             doubts,
         )
-        # emcee's own backends may be parts of one file.
+        # 5. Sample. (emcee's own backends may be parts of one file.)
         together = ensembles > 1 and (backend is None or in_file)
         together &= evaluator.pool is not None and evaluator.pool.takes_turns
         doubted = store is not None and any(foreign_moves(weighted))
@@ -284,8 +283,13 @@ def run(
     return replace(record, stopped=stopped)
 
 
-def _warn_if_long(seconds: float, evaluations: int) -> None:
+def _warn_if_long(evaluator: Evaluation, seconds: float, evaluations: int) -> None:
     """Say before the search how long a run will take, and what makes it shorter."""
+    # A first call may be far slower than those of a batch, as on a worker, which
+    # imports for it.
+    batched = evaluator.pool is not None or not evaluator.posterior.one_by_one
+    if LONG_RUN / evaluations < seconds < BRIEF and batched:
+        seconds = time_batch(evaluator)
     if not seconds * evaluations > LONG_RUN:  # also where it is not known
         return
     warnings.warn(
