@@ -248,6 +248,8 @@ def find_blurred(stiffness: Floats, mass: Floats) -> NDArray[np.bool_]:
         mass: The same of M.
     """
     ratios = stiffness / np.where(mass > 0, mass, np.inf)  # others are refused
+    if ratios.max() <= BLURRED * ratios.min():  # the median, which takes long, is above
+        return np.zeros(len(ratios), dtype=bool)
     usual = np.median(ratios, axis=1)
     return np.asarray((usual > 0) & (ratios.max(axis=1) > BLURRED * usual))
 
