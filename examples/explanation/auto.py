@@ -129,7 +129,8 @@ idata = ef.to_inference_data(run)  # no discard
 # response_surface.py; the head of the script describes them. Solves are relative to
 # those of today, as a geometric mean. "Conv." and "wrong" count the runs that converged
 # and those that are wrong. (Measured on 2026-11-27, without the runs in which no line
-# reads the number, which stand as those of today.)
+# reads the number, which stand as those of today; before `SD_AT_END` became 0.05, and
+# without `MOST_SEARCHED`, `ROUND_SHARE` and `MOST_TAIL_SOLVES`, of long runs alone.)
 #
 # | | value | halved: solves | conv. | wrong | doubled: solves | conv. | wrong |
 # |---|---|---|---|---|---|---|---|
