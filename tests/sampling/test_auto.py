@@ -235,6 +235,14 @@ def test_skew_parameters_are_moved_by_gradients_where_there_are_any():
     assert_allclose(x.std(axis=0) / SPREAD, 1.0, atol=0.15)
 
 
+def test_the_search_of_a_long_run_is_a_small_part_of_it():
+    """A fifth of its evaluations would be 8,000 points."""
+    posterior = ef.paper.mass_spring().posterior
+    run = ef.run(posterior, nwalkers=100, steps=100, seed=1)
+    assert 4_000 < run.search.points < 6_000
+    assert run.search.solves < 0.4 * run.solves
+
+
 @pytest.mark.slow
 def test_auto_beats_plain_demc():
     """The law of "auto" where there is one mode: effective draws per evaluation."""
