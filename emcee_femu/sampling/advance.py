@@ -14,9 +14,9 @@ from ..moves.proposing import ladder_of
 from .record import STOPPED_BY_SOLVES, STOPPED_BY_VERDICT, Run, read_backends
 from .verdict import NOT_CONVERGED, judge_chains, measure
 
-# Without steps= the verdict is asked first at so many steps, a little more than the 50
-# that tau takes, then each time at a quarter more: few looks, and little too much.
-FIRST_LOOK, LOOK_FURTHER = 60, 1.25
+# Without steps= the verdict is asked first at so many steps, a little more than the 25
+# that tau takes, then each time at a seventh more: few looks, and little too much.
+FIRST_LOOK, LOOK_FURTHER = 30, 1.15
 FIRST_STEPS = 4  # by which it is known what a step costs
 # Relative error of a standard deviation: less than in a verdict that is asked once, so
 # that one in fifty of those that end there is more than 12 % off.
@@ -94,8 +94,8 @@ def next_look(steps: int) -> int:
     """Return the first number of steps, from these on, at which the verdict is asked.
 
     Examples:
-        >>> [next_look(steps) for steps in (0, 61, 76)]
-        [60, 75, 94]
+        >>> [next_look(steps) for steps in (0, 31, 36)]
+        [30, 35, 41]
     """
     look = FIRST_LOOK
     while look < steps:

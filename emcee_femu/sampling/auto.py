@@ -13,7 +13,16 @@ from ..moves.mixture import Mixture
 from .anneal import anneal_population, fewest_members
 from .coordinates import Coordinates
 from .importance import find_acceptance, normalise, resample
-from .proposals import Component, Trial, add_components, carry, cover, refine, uncover
+from .proposals import (
+    Component,
+    Trial,
+    add_components,
+    carry,
+    cover,
+    only,
+    refine,
+    uncover,
+)
 from .record import SearchRecord, label, separate, weigh
 from .response_surface import LEARNED, ResponseSurface, learn_surface
 from .search import Search, follow_modes
@@ -46,7 +55,9 @@ TUNED, TUNING = 24, 14_000
 # Part of a budget up to which the search may climb, however small the budget is.
 CLIMBED_AT_LEAST = 1 / 3
 TAIL_ROUNDS = 2  # of climbs in the tails
-SLABS_PER_ROUND = 4  # of a tail, for which a round has its usual draws
+# Slabs of a tail for which there are as many draws, of these alone, as half a round of
+# the refinement has.
+SLABS_PER_ROUND = 4
 # That each may spend, of those of a refinement, and twice what they are by default.
 TAIL_SOLVES, MOST_TAIL_SOLVES = 0.6, 6_000
 EVIDENCE_MISSED = 1.0  # log evidence by which one proposal finds more than another
@@ -219,8 +230,9 @@ def _find_proposal(
         for number in range(TAIL_ROUNDS + 1):
             if new:
                 refined = cover(add_components(uncover(refined), new))
-                drawn = size * max(1, len(new) // SLABS_PER_ROUND)
-                draws.add(*propose(refined, drawn), refined)
+                alone = only(new, refined.df)
+                drawn = size * max(1, len(new) // SLABS_PER_ROUND) // 2
+                draws.add(*propose(alone, drawn), alone)
             if number == TAIL_ROUNDS or (number and not new):
                 break
             # The refinement, for which "last" leaves room, is over.

@@ -32,9 +32,11 @@ MOST_ADDED = 0.35  # weight of all components that are added at once
 # The variance of a parameter is known where its ten largest terms hold no more of it
 # (a Gaussian's hold .06 of 1,500 draws); else what carries it gets a component, of so
 # much weight, about draws whose ln(p / q) is above what a good proposal leaves.
-TERMS, HELD_BY_TERMS, CARRIER_WEIGHT, CARRIER_LACK = 10, 0.08, 0.05, 0.3
+TERMS, HELD_BY_TERMS, CARRIER_WEIGHT, CARRIER_LACK = 10, 0.08, 0.02, 0.3
 CARRIER_RIDGE = 0.3  # of the nearest component, in its matrix
-CARRYING_ROUNDS = 4
+# Rounds of these, and their draws by those of a round of the refinement: they are of
+# the new components alone, which are little of a mixture.
+CARRYING_ROUNDS, CARRYING_SHARE = 4, 1 / 3
 FEWEST_OF_KURTOSIS = 100  # effective draws: it comes from a few of them
 RELEVANT = 8.0  # a draw whose log-weight is so far below the largest carries no mass
 
@@ -205,6 +207,12 @@ def add_components(mixture: Mixture, added: Sequence[Component]) -> Mixture:
     )
 
 
+def only(added: Sequence[Component], df: float) -> Mixture:
+    """Return the mixture of components alone."""
+    weights, means, matrices = map(np.array, zip(*added, strict=True))
+    return Mixture(weights / weights.sum(), means, matrices, df)
+
+
 def carry(draws: Draws, mixture: Mixture, size: int, propose: Propose) -> Mixture:
     """Return a proposal with components where few draws carry a variance."""
     for _ in range(CARRYING_ROUNDS):
@@ -212,7 +220,8 @@ def carry(draws: Draws, mixture: Mixture, size: int, propose: Propose) -> Mixtur
         if not carriers:
             break
         mixture = cover(add_components(uncover(mixture), carriers))
-        draws.add(*propose(mixture, size), mixture)
+        alone = only(carriers, mixture.df)
+        draws.add(*propose(alone, round(CARRYING_SHARE * size)), alone)
     return mixture
 
 

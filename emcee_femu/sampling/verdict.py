@@ -26,12 +26,16 @@ from .judge import (
 )
 from .record import ENDED, Chains
 
-# Steps per autocorrelation time below which tau itself is unreliable.
-STEPS_PER_TAU = 50
+# Steps per autocorrelation time below which tau itself is unreliable. (Emcee centres
+# each walker on its own mean, so an estimate is .7 of tau on average; but the largest
+# of four ensembles, five parameters and ten walkers is .98 of it. At 50 tau, which
+# emcee asks of a chain, these are .83 and 1.1. ESS does not depend on this tau.)
+STEPS_PER_TAU = 25
 GOOD_RHAT = 1.01  # Vehtari et al. (2021), doi:10.1214/20-BA1221
-# R-hat over walkers is about sqrt(1 + 2 tau / steps), 1.02 at 50 tau. More means
-# walkers that stay apart, which tau cannot see: it centres each walker on its own mean.
-WALKERS_APART = 1.05
+# R-hat over walkers is about sqrt(1 + 2 tau / steps), 1.02 at 50 tau, and the worst of
+# four ensembles and five parameters 1.05. More means walkers that stay apart, which tau
+# cannot see. At fewer tau more is let pass, 1.1 at 25.
+WALKERS_APART, TAU_OF_APART = 1.05, 50
 SD_KNOWN_TO = 0.1  # relative standard error of a standard deviation
 ERRORS_APART = 4.0  # between two estimates of a weight
 SMALL_WEIGHT = 0.005  # a weight, or a difference of two, that does not matter
@@ -102,8 +106,8 @@ class Diagnosis(Report):
         steps: Stored steps per ensemble, after burn-in.
         tau: Integrated autocorrelation time in stored steps, ``(ensembles, d)``; NaN
             if no walker moved.
-        steps_per_tau: ``steps / tau`` of the worst ensemble, ``(d,)``. Above 50, tau
-            and ESS are reliable.
+        steps_per_tau: ``steps / tau`` of the worst ensemble, ``(d,)``. From 25 on it is
+            reliable.
         ess_bulk: Effective sample size for the centre, from all ensembles, ``(d,)``.
         ess_tail: Effective sample size for the 5 % and 95 % quantiles, ``(d,)``.
         acceptance: Fraction of accepted proposals, ``(ensembles, walkers)``; NaN if
@@ -319,10 +323,12 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
     if stuck and by_chance < STUCK_BY_CHANCE:
         yield complaint
     within, between = diagnosis.rhat_within, diagnosis.rhat_between
+    fewer = np.fmax(1.0, TAU_OF_APART / diagnosis.steps_per_tau)
+    apart = np.sqrt(1 + (WALKERS_APART**2 - 1) * fewer)
     # Values, their best, their limit, and by which power of them a chain is too short.
     for values, best, limit, power, short, what in (
         (diagnosis.steps_per_tau, 0, STEPS_PER_TAU, -1, TOO_SHORT, "steps/tau"),
-        (within, 1, WALKERS_APART, 1, "walkers stay apart", "R-hat over walkers"),
+        (within, 1, apart, 1, "walkers stay apart", "R-hat over walkers"),
         (diagnosis.sd_error, 0, SD_KNOWN_TO, 2, "sd unknown", "relative error of sd"),
         (between, 1, GOOD_RHAT, 1, "ensembles disagree", "R-hat over ensembles"),
         (diagnosis.scatter, 0, 1, 1, "ensembles disagree", "chi-square by its limit"),
@@ -331,7 +337,8 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
         worst = int(np.argmax(excess))
         longer = float(excess[worst])
         if longer > 1:  # never for NaN
-            bound = f"at {'least' if power < 0 else 'most'} {limit}"
+            limit = np.broadcast_to(limit, values.shape)[worst]
+            bound = f"at {'least' if power < 0 else 'most'} {limit:.4g}"
             sentence = f"{what} of {names[worst]} is {values[worst]:.4g} ({bound})"
             if best and longer > MOST_LONGER:
                 cure = "take a TemperedMove" if modes else diagnosis.cures.search

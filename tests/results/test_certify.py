@@ -202,7 +202,8 @@ def test_a_chain_that_has_not_converged_is_refused_unless_it_is_but_short():
     ):
         found = ef.certify(sampled(true, chain, walkers), true, seed=1)
         assert found.short == "refused" and reason in found.verdict
-    short = certify(TRUE, n=7_000, phi=0.99)
+    chain = sampled(true, draws(TRUE, 3_200, 3, 0.99), 8)
+    short = ef.certify(chain, true, seed=3)
     assert ef.diagnose(short).chains.reasons == ("too short",)
     assert short.faults == ()
     short = certify(TRUE, n=2_000, phi=0.99)  # so that squares are not known either

@@ -95,12 +95,14 @@ def test_rhat_and_effective_sizes_equal_their_definitions():
 @pytest.mark.parametrize(
     ("short", "phi", "steps", "walkers_apart", "ensembles_apart", "number", "low_high"),
     [  # each just inside and just outside of its bound
-        ("too short", 0.8, 400, 0, 0, "steps_per_tau", (31, 49)),
-        ("converged", 0.8, 640, 0, 0, "steps_per_tau", (51, 80)),
+        ("too short", 0.8, 140, 0, 0, "steps_per_tau", (15, 24.9)),
+        ("converged", 0.8, 330, 0, 0, "steps_per_tau", (25.1, 45)),
         ("ensembles disagree", 0.5, 2000, 0, 0.27, "rhat_between", (1.011, 1.019)),
         ("converged", 0.5, 2000, 0, 0.19, "rhat_between", (1.004, 1.0099)),
         ("walkers stay apart", 0.5, 2000, 1.28, 0, "rhat_within", (1.06, 1.39)),
         ("converged", 0.5, 2000, 0.4, 0, "rhat_within", (1.015, 1.049)),
+        ("walkers stay apart", 0.8, 260, 0.5, 0, "rhat_within", (1.07, 1.09)),
+        ("converged", 0.8, 260, 0.3, 0, "rhat_within", (1.051, 1.06)),
         ("ensembles disagree", 0.5, 2000, 0, 6.0, "rhat_between", (1.5, 9.0)),
     ],
 )
@@ -117,6 +119,16 @@ def test_the_bounds_of_the_verdict(
     # Length does not bring ensembles in different modes together.
     mended = short != "converged" and ensembles_apart < 1
     assert (" steps." in found.chains.sentence) == mended
+
+
+def test_the_largest_tau_is_right_where_each_is_too_small():
+    """At 25 autocorrelation times, which a verdict takes."""
+    phi, tau, runs = 0.6, 4, []
+    for seed in range(0, 48, 4):
+        chains = [ar1([phi] * 5, 25 * tau, 10, seed + k) for k in range(4)]
+        runs.append(ef.diagnose([*map(backend, chains)]).tau / tau)
+    assert 0.6 < np.mean(runs) < 0.8
+    assert 0.9 < np.max(runs, axis=(1, 2)).mean() < 1.1
 
 
 class Square:

@@ -270,12 +270,12 @@ def test_a_table_solves_once_and_not_again_after_a_resumed_run(tmp_path):
 
 
 def test_a_complaint_says_how_many_steps_mend_it():
-    """Of an autoregressive chain tau is (1 + phi) / (1 - phi), and 50 are needed."""
-    chains = [backend(ar1([0.8, 0.5], 450, 8, seed)) for seed in range(4)]
+    """Of an autoregressive chain tau is (1 + phi) / (1 - phi), and 25 are needed."""
+    chains = [backend(ar1([0.8, 0.5], 350, 8, seed)) for seed in range(4)]
     said = ef.diagnose(chains, discard=200).chains
     assert said.status == "not converged" and "theta1" in said.sentence
     steps = int(re.findall(r"run ([\d,]+)", said.sentence)[-1].replace(",", ""))
-    assert steps == pytest.approx(200 + 1.25 * 50 * 9, rel=0.2)
+    assert steps == pytest.approx(200 + 1.25 * 25 * 9, rel=0.2)
     longer = [backend(ar1([0.8, 0.5], steps, 8, seed)) for seed in range(4)]
     assert ef.diagnose(longer, discard=200).converged
 

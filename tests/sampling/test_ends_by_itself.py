@@ -31,9 +31,9 @@ def chains(found):
 
 
 LONG_RUN = "emcee_femu.sampling.run.LONG_RUN"
-LOOKS = [60]
+LOOKS = [30]
 while LOOKS[-1] < 5_000:
-    LOOKS.append(int(np.ceil(1.25 * LOOKS[-1])))
+    LOOKS.append(int(np.ceil(1.15 * LOOKS[-1])))
 
 
 @pytest.fixture(scope="module")
