@@ -80,7 +80,7 @@ compared
 # | verdict | that of {py:func}`~emcee_femu.diagnose` on the chains |
 #
 # A move wins only if its lead is more than two combined standard errors, and if it has
-# converged: a chain of fewer than 50 autocorrelation times does not know its own tau,
+# converged: a chain of fewer than 25 autocorrelation times does not know its own tau,
 # nor its ESS. The conclusion also says if burn-in and search reverse the order.
 
 # %% mystnb={"image": {"alt": "One row per move with its ESS per 1000 evaluations: auto far to the right, tuned M-H and DE-MC close to each other, the stretch move and small steps behind them; beside it the error of each running mean"}}
