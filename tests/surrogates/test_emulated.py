@@ -258,7 +258,7 @@ def test_blocks_have_lengths_of_their_own_where_that_is_better():
         return np.abs(np.hstack([p.predict(fresh) for p in processes]) - truth).mean()
 
     apart = partition.fit_outputs(x, answer(x, 1), {}, units, even)[1]
-    together = fit_processes(x, np.hstack([wave(x, 0), wave(x, 1)]))
+    together = fit_processes(x, np.hstack([wave(x, 0), wave(x, 1)])[:, None])
     assert len(apart) == 2 and error(apart, 1) < 0.5 * error([together], 1)
     alike = partition.fit_outputs(x, answer(x, 0), {}, units, even)[1]
     assert len(alike) == 1 and error(alike, 0) < 0.5 * error([together], 1)

@@ -140,8 +140,8 @@ class Certificate(Report):
     @property
     def _reasons(self) -> list[str]:
         """Why the emulated posterior is refused, the most obvious reason first."""
-        weakness = self._find_weakness()
-        return [*self.faults, *([weakness] if weakness else []), *self.missed]
+        reasons = (*self.faults, self._find_weakness(), *self.missed)
+        return [*filter(None, reasons)]
 
     def _find_weakness(self) -> str:
         """Return the most obvious reason not to trust the weights; empty if none."""

@@ -282,9 +282,7 @@ class _Emulation:
 
     def solve(self, points: Floats) -> None:
         """Solve in full; each solve is stored as it arrives."""
-        rows = np.empty((len(points), self.rows.shape[1]))
-        for number, row in self.evaluator.each(points):
-            rows[number] = row
+        rows = [row for _, row in sorted(self.evaluator.each(points))]
         failures = self.evaluator.failures
         if failures is not None:  # by itself it begins at a hundred
             known = failures.evaluations, failures.max_failures
@@ -376,11 +374,8 @@ class _Emulation:
         traces = np.array([each.covariance.trace() for each in processes])
         traces += LEAST_VARIANCE
         shares = traces / traces.sum()  # of the error, by processes
-        variance = sum(
-            share * each.unit_sd(at) ** 2
-            for share, each in zip(shares, processes, strict=True)
-        )
-        weights = draws.errors / np.maximum(variance, NUGGET)
+        sds = np.array([each.unit_sd(at) for each in processes])
+        weights = draws.errors / np.maximum(shares @ sds**2, NUGGET)
         chosen = self.theta[~self._solved]
         for place in range(number):
             extra = emulator.coordinates(chosen[:, inputs])

@@ -85,7 +85,6 @@ class Processes:
         Where leaving one out shows larger errors than the likelihood expects, these set
         the amplitude.
         """
-        values = _with_slopes(values)
         known, stacked, trend = _scale(points, values, lengths)
         width = known.shape[1]
         kernel = _correlate(points, points, lengths, rough, width, width)[0]
@@ -170,7 +169,6 @@ class Processes:
 
         Source: Dubrule (1983), doi:10.1007/BF01033232.
         """
-        values = _with_slopes(values)
         stacked = _scale(self.points, values, self.lengths)[1]
         residuals = (self._projector @ stacked).reshape(values.shape)
         return np.asarray((self._left_out[:, :1] @ residuals)[:, 0])
@@ -232,7 +230,7 @@ def fit_processes(
     Args:
         points: ``(N, d)`` coordinates of at least three points, of about unit spread;
             two where slopes are known.
-        values: ``(N, q)``, in units in which 0.01 does not matter; ``(N, 1 + d, q)``
+        values: ``(N, 1, q)``, in units in which 0.01 does not matter; ``(N, 1 + d, q)``
             with the slopes by the coordinates behind, NaN where they are not known.
         start: Lengths ``(d,)``, those of the last fit.
         kinds: Whether the kernels that are tried are rough.
@@ -242,23 +240,22 @@ def fit_processes(
 
     Examples:
         >>> x = np.linspace(-1.0, 1.0, 7)[:, None]
-        >>> fitted = fit_processes(x, 100.0 * np.sin(x))
+        >>> fitted = fit_processes(x, 100.0 * np.sin(x)[:, None])
         >>> at = np.array([[0.5]])
         >>> sd = fitted.unit_sd(at) * fitted.amplitudes
         >>> error = fitted.predict(at)[0] - 100.0 * np.sin(0.5)
         >>> bool(abs(error[0]) < 5.0 * sd[0] < 0.5)
         True
     """
-    every = _with_slopes(values)
     spread = np.maximum(points.std(axis=0), 1e-12)
-    _, stacked, trend = _scale(points, every, np.ones(points.shape[1]))
+    _, stacked, trend = _scale(points, values, np.ones(points.shape[1]))
     stacked -= trend @ np.linalg.lstsq(trend, stacked, rcond=None)[0]
     square = (stacked**2).mean(axis=0)
     counts = square / (square + STRAIGHT**2)  # of outputs that are not straight
-    bent = np.where(np.isnan(every), np.nan, stacked.reshape(every.shape))
+    bent = np.where(np.isnan(values), np.nan, stacked.reshape(values.shape))
     some = np.arange(len(points))
-    if every.shape[1] > 1:
-        most = max(LENGTH_ROWS // every.shape[1], 3)
+    if values.shape[1] > 1:
+        most = max(LENGTH_ROWS // values.shape[1], 3)
         some = np.linspace(0, len(points) - 1, min(most, len(points))).astype(int)
 
     def cost(logs: Floats, rough: bool) -> tuple[float, Floats]:
@@ -278,11 +275,6 @@ def fit_processes(
             if climb.fun < best:
                 best, lengths, kind = climb.fun, np.exp(climb.x), rough
     return Processes.condition(points, values, lengths, kind)
-
-
-def _with_slopes(values: Floats) -> Floats:
-    """Return values ``(N, 1, q)``, or ``(N, 1 + d, q)`` as they are."""
-    return values if values.ndim == 3 else values[:, None]
 
 
 def _kernel(

@@ -89,11 +89,9 @@ class Recorder:
                 return self._differentiate(parameters)
         except ValueError:
             pass
-        recorded = self._read(self.model(parameters))
         n = len(next(iter(parameters.values())))
-        absent = [name for name in self.variables if name not in recorded]
-        zeros = {name: np.zeros((n, *self.variables[name].shape)) for name in absent}
-        return recorded | zeros
+        zeros = {name: np.zeros((n, *v.shape)) for name, v in self.variables.items()}
+        return zeros | self._read(self.model(parameters))
 
     def _differentiate(self, parameters: Parameters) -> Named:
         """Return variables and derivatives.
@@ -292,7 +290,11 @@ class EmulationProblem:
                 placed = np.full(raw.shape, np.nan)
                 np.put_along_axis(placed, compared.model_mode - 1, relative, axis=1)
                 relative = placed
-            unit = _average_units(relative, np.sqrt((raw**2).mean(axis=0)))
+            count = np.maximum(np.isfinite(relative).sum(axis=0), 1)
+            mean = np.nansum(relative, axis=0) / count
+            errors = np.sqrt(1 / np.where(mean > 0, mean, np.nan))
+            errors = np.nan_to_num(errors, nan=UNREAD * np.nanmedian(errors))
+            unit = errors * np.sqrt((raw**2).mean(axis=0))
             shape = response[name].shape[1:]
             units[name] = np.broadcast_to(unit, shape).copy() if by_mode else unit
         if not units:
@@ -358,15 +360,6 @@ def _find_variables(posterior: LogPosterior) -> dict[str, Variable]:
     if "frequency" in needed and "shapes" in declared:  # to tell which mode is which
         needed["shapes"] = declared["shapes"]
     return needed
-
-
-def _average_units(relative: Floats, size: Floats) -> Floats:
-    """Return the standard deviations; where nothing is known, some usual ones."""
-    count = np.maximum(np.isfinite(relative).sum(axis=0), 1)
-    mean = np.nansum(relative, axis=0) / count
-    there = mean > 0
-    errors = np.sqrt(np.divide(1.0, mean, out=np.zeros_like(mean), where=there))
-    return np.asarray(size * np.where(there, errors, UNREAD * np.median(errors[there])))
 
 
 def first_points(

@@ -169,23 +169,19 @@ def _at_rows(part: Part, first: Part) -> csc_array:
 
     Programs leave out DOFs without mass.
     """
-    size = first.matrix.shape[0]
-    if part.dofs is not None and len(part.dofs) != part.matrix.shape[0]:
+    size, own, every = first.matrix.shape[0], part.dofs, first.dofs
+    count, told = size, f"{first.path} has {size}"
+    if own is not None and every is not None:
+        count, told = len(own), f"{len(own)} labels"
+    if part.matrix.shape[0] != count:
         raise ValueError(
-            f"{part.path}: a matrix of {part.matrix.shape[0]} rows, but "
-            f"{len(part.dofs)} labels; are they of the same job?"
+            f"{part.path}: a matrix of {part.matrix.shape[0]} rows, but {told}; are "
+            "they of the same job?"
         )
-    if part.dofs is None or first.dofs is None:
-        if part.matrix.shape[0] != size:
-            raise ValueError(
-                f"{part.path}: a matrix of {part.matrix.shape[0]} rows, but "
-                f"{first.path} has {size}; are they of the same job?"
-            )
+    if own is None or every is None or np.array_equal(own, every):
         return part.matrix
-    if np.array_equal(part.dofs, first.dofs):
-        return part.matrix
-    place = {tuple(dof): i for i, dof in enumerate(first.dofs.tolist())}
-    dofs = [tuple(dof) for dof in part.dofs.tolist()]
+    place = {tuple(dof): i for i, dof in enumerate(every.tolist())}
+    dofs = [tuple(dof) for dof in own.tolist()]
     unknown = [write_name(*dof) for dof in dofs if dof not in place]
     if unknown:
         raise ValueError(

@@ -129,8 +129,7 @@ def report(
     checks.text("title", title)
     said = {} if text is None else checks.by_label("text", text, "{'author': text}")
     for key, words in said.items():
-        if key not in TEXTS:
-            raise ValueError(f"text: expected some of {TEXTS}, got {key!r}")
+        checks.one_of("text", key, TEXTS)
         checks.text(f"text[{key!r}]", words)
     result = source
     tell: Callable[[], Reported | None] = getattr(source, "reported", lambda: None)
