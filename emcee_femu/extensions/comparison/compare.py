@@ -142,20 +142,7 @@ def compare_moves(
         sampled = run(posterior, move, nwalkers, steps, ensembles=ensembles, seed=seed)
         cpu = time.process_time() - clock
         burnt = 0 if discard is None and sampled.search is not None else dropped
-        evaluations = ensembles * nwalkers * _count_cost(sampled.moves)
-        ess = [diagnose(sampler, burnt).ess_bulk.min() for sampler in sampled]
-        entries.append(
-            Entry(
-                label=label,
-                diagnosis=diagnose(sampled, burnt),
-                ess=np.array(ess),
-                kept=round(evaluations * (steps - burnt)),
-                chain=round(evaluations * steps),
-                cpu=cpu,
-                run=sampled,
-                idata=to_inference_data(sampled, discard=burnt),
-            )
-        )
+        entries.append(Entry(label, sampled, burnt, cpu))
     winner, words = conclude(entries)
     for entry in entries:
         if max_evaluations is not None and entry.chain > max_evaluations:
@@ -236,9 +223,14 @@ def _check_reference(
     return moments
 
 
-@dataclass(frozen=True, eq=False)
 class Entry:
     """What one move achieved; evaluations are those of the log-posterior.
+
+    Args:
+        label: The move's name.
+        run: The run.
+        burnt: Stored steps that are dropped as burn-in.
+        cpu: CPU seconds, in total.
 
     Attributes:
         label: The move's name.
@@ -250,14 +242,15 @@ class Entry:
         idata: ArviZ object of the kept steps.
     """
 
-    label: str
-    diagnosis: Diagnosis
-    ess: Floats
-    kept: int
-    chain: int
-    cpu: float
-    run: Run
-    idata: InferenceData
+    def __init__(self, label: str, run: Run, burnt: int, cpu: float) -> None:
+        self.label, self.run, self.cpu = label, run, cpu
+        self.diagnosis = diagnose(run, burnt)
+        ess = [diagnose(sampler, burnt).ess_bulk.min() for sampler in run]
+        self.ess: Floats = np.array(ess)
+        self.idata = to_inference_data(run, discard=burnt)
+        evaluations = len(run) * run[0].nwalkers * _count_cost(run.moves)
+        self.kept: int = round(evaluations * (run[0].iteration - burnt))
+        self.chain: int = round(evaluations * run[0].iteration)
 
     @property
     def ess_per_1000(self) -> Floats:

@@ -169,8 +169,7 @@ class Certificate(Report):
     def table(self) -> Table:
         """Emulated and true moments, errors and differences, one row per parameter."""
         shift = (self.mean - self.emulated_mean) / self.sd
-        known = () if self.idata is None else self.names
-        units = [unit_of(self.idata, name) for name in known]
+        units = [unit_of(self.idata, name) for name in self.names]
         return Table.from_columns(
             f"Certificate by {self.solves} full solves",
             [

@@ -155,7 +155,7 @@ def certify(
     seed = checks.whole_number("seed", seed)
     display = check_progress(progress)
     rng = np.random.default_rng(seed)
-    chain = EmulatedChain.of(idata, posterior.prior, rng)
+    chain = EmulatedChain(idata, posterior.prior, rng)
     # Before a solve is spent: they may raise.
     unsound, warned = _judge_chain(idata)
     faults = [*compare_bounds(chain, posterior.prior), *unsound]

@@ -156,7 +156,7 @@ def emulate(
     checks.instance("posterior", posterior, LogPosterior)
     if len(posterior.experiments) > 1 or cheap is not None:
         return emulate_each(posterior, cheap, emulate, options)
-    problem = EmulationProblem.of(posterior, checks.flag("derivatives", derivatives))
+    problem = EmulationProblem(posterior, checks.flag("derivatives", derivatives))
     seed = checks.whole_number("seed", seed)
     coordinates = Coordinates.of(posterior.prior)
     d, fewer, width = posterior.ndim, problem.derivatives, count_workers(pool, workers)

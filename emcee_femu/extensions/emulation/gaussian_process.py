@@ -253,10 +253,8 @@ def fit_processes(
     square = (stacked**2).mean(axis=0)
     counts = square / (square + STRAIGHT**2)  # of outputs that are not straight
     bent = np.where(np.isnan(values), np.nan, stacked.reshape(values.shape))
-    some = np.arange(len(points))
-    if values.shape[1] > 1:
-        most = max(LENGTH_ROWS // values.shape[1], 3)
-        some = np.linspace(0, len(points) - 1, min(most, len(points))).astype(int)
+    most = max(LENGTH_ROWS // values.shape[1], 3) if values.shape[1] > 1 else np.inf
+    some = np.linspace(0, len(points) - 1, int(min(most, len(points)))).astype(int)
 
     def cost(logs: Floats, rough: bool) -> tuple[float, Floats]:
         return _restricted(points[some], bent[some], np.exp(logs), rough, counts)

@@ -136,9 +136,12 @@ def compare_nothing(parameters: Parameters, response: Response) -> Floats:
     return np.zeros(len(next(iter(parameters.values()))))
 
 
-@dataclass(frozen=True, eq=False)
 class EmulationProblem:
     """A posterior whose model is to be emulated.
+
+    Args:
+        posterior: The posterior.
+        derivatives: Whether those that the model may have are wanted.
 
     Attributes:
         posterior: The posterior.
@@ -146,21 +149,12 @@ class EmulationProblem:
         inputs: Columns of the parameters that the model reads.
         paired: The model that pairs modes, if there is one.
         derivatives: Whether those that the model has are recorded and learned.
+
+    Raises:
+        ValueError: If it cannot be told what the model returns, or there is none.
     """
 
-    posterior: LogPosterior
-    variables: dict[str, Variable]
-    inputs: list[int]
-    paired: PairedModel | None
-    derivatives: bool
-
-    @classmethod
-    def of(cls, posterior: LogPosterior, derivatives: bool) -> "EmulationProblem":
-        """Return what is to be emulated of a posterior.
-
-        Raises:
-            ValueError: If it cannot be told what the model returns, or there is none.
-        """
+    def __init__(self, posterior: LogPosterior, derivatives: bool) -> None:
         errors, model = posterior.error_names, posterior.model
         if isinstance(model, DensityModel):
             raise ValueError(
@@ -169,16 +163,17 @@ class EmulationProblem:
                 "draws of the prior to be learned from few solves; give LogPosterior "
                 "the model and its terms apart, or sample it with workers="
             )
-        inputs = [i for i, name in enumerate(posterior.names) if name not in errors]
-        paired = posterior.experiments[0].paired
-        if paired is None:
+        self.posterior, self.paired = posterior, posterior.experiments[0].paired
+        names = enumerate(posterior.names)
+        self.inputs = [i for i, name in names if name not in errors]
+        if self.paired is None:
             variables = _find_variables(posterior)
         else:  # the candidates, at the sensors
-            dofs = paired.variables["shapes"].coords["dof"]
-            variables = modal_variables(paired.candidates, dofs)
-        stored = {name: Variable(v.coords, v.unit) for name, v in variables.items()}
-        derivatives &= read_declared(model, "jacobian") is not None
-        return cls(posterior, stored, inputs, paired, derivatives)
+            dofs = self.paired.variables["shapes"].coords["dof"]
+            variables = modal_variables(self.paired.candidates, dofs)
+        self.variables = {n: Variable(v.coords, v.unit) for n, v in variables.items()}
+        known = read_declared(model, "jacobian") is not None
+        self.derivatives = derivatives and known
 
     def recorder(self) -> LogPosterior:
         """Return the posterior whose rows store the raw variables of a full solve."""

@@ -221,10 +221,9 @@ def _list_data(
     for part in measured:
         yield part.name, part.values
     for experiment, term, label in each_term(posterior) if posterior else ():
-        name = experiment.full_name(label)
         data = getattr(term, "measured", None)
         if data is not None and not term.observed:  # else it is among those above
-            yield name, getattr(data, "values", data)
+            yield experiment.full_name(label), getattr(data, "values", data)
 
 
 def _tabulate_measured(part: Measured, posterior: LogPosterior | None) -> Table:
