@@ -149,6 +149,7 @@ class EmulationProblem:
         inputs: Columns of the parameters that the model reads.
         paired: The model that pairs modes, if there is one.
         derivatives: Whether those that the model has are recorded and learned.
+        coordinates: Those in which the first design and fit see the parameters.
 
     Raises:
         ValueError: If it cannot be told what the model returns, or there is none.
@@ -164,6 +165,7 @@ class EmulationProblem:
                 "the model and its terms apart, or sample it with workers="
             )
         self.posterior, self.paired = posterior, posterior.experiments[0].paired
+        self.coordinates = Coordinates.of(posterior.prior)
         names = enumerate(posterior.names)
         self.inputs = [i for i, name in names if name not in errors]
         if self.paired is None:
@@ -358,7 +360,7 @@ def _find_variables(posterior: LogPosterior) -> dict[str, Variable]:
 
 
 def first_points(
-    coordinates: Coordinates, number: int, seed: int, starts: Floats | None
+    problem: EmulationProblem, number: int, seed: int, starts: Floats | None
 ) -> Floats:
     """Return a first design ``(n, d)`` inside the prior's support.
 
@@ -367,7 +369,7 @@ def first_points(
     """
     if starts is not None and starts.ndim == 2:
         return starts
-    prior = coordinates.prior
+    coordinates, prior = problem.coordinates, problem.posterior.prior
     rng = np.random.default_rng(*np.random.SeedSequence(seed).spawn(1))
     draws = coordinates.sample(np.random.default_rng(0), DESIGN_DRAWS)
     mean = draws.mean(axis=0)
