@@ -101,7 +101,7 @@ def by_own_lengths(model):
     (fitted,) = model.processes
     parts = fitted.values[:, :, :1], fitted.values[:, :, 1:]
     apart = (
-        type(fitted).condition(fitted.points, part, scale * fitted.lengths, False)
+        type(fitted)(fitted.points, part, scale * fitted.lengths, False)
         for part, scale in zip(parts, (0.5, 1.0), strict=True)
     )
     return replace(model, processes=tuple(apart))

@@ -41,9 +41,9 @@ LENGTHS = np.array([2.0, 2.5, 9.0])
 TREND = np.hstack([np.ones((len(POINTS), 1)), POINTS])
 CASES = {
     "smooth": FITTED,
-    "rough": gp.Processes.condition(POINTS, VALUES, FITTED.lengths, True),
-    "rough, sloped": gp.Processes.condition(FEW, SLOPED, LENGTHS, True),
-    "partly": gp.Processes.condition(FEW, PARTLY, LENGTHS, False),
+    "rough": gp.Processes(POINTS, VALUES, FITTED.lengths, True),
+    "rough, sloped": gp.Processes(FEW, SLOPED, LENGTHS, True),
+    "partly": gp.Processes(FEW, PARTLY, LENGTHS, False),
 }
 EVERY = pytest.mark.parametrize("case", CASES)
 SMALL = 1e-4  # differences in place of slopes
@@ -200,7 +200,7 @@ def test_amplitudes_are_those_of_students_t_or_of_what_is_left_out():
     trend, white = np.linalg.solve(factor, TREND), np.linalg.solve(factor, values)
     residual = white - trend @ np.linalg.lstsq(trend, white)[0]
     of_t = (residual**2).sum(axis=0) / (number - p - 2)
-    fitted = gp.Processes.condition(POINTS, values[:, None], LENGTHS, False)
+    fitted = gp.Processes(POINTS, values[:, None], LENGTHS, False)
     z = fitted.leave_out(fitted.values) / fitted.left_out_sd[:, None]
     left_out = (z**2).mean(axis=0)
     assert 0.1 < (left_out > of_t).mean() < 0.9  # both occur

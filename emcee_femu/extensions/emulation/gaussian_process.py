@@ -31,7 +31,6 @@ observations in Gaussian process models of dynamic systems.
 # scikit-learn has neither lengths that outputs share, nor a trend in the restricted
 # likelihood, nor slopes, nor leaving one out.
 
-from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -53,58 +52,50 @@ LONGEST_LENGTH = 200.0  # length, in spreads, beyond which the trend says as muc
 LENGTH_ROWS = 300
 
 
-@dataclass(frozen=True, eq=False)
 class Processes:
-    """Gaussian processes conditioned on ``N`` points; made by :func:`fit_processes`.
+    """Gaussian processes of a given kernel, conditioned on the values at ``N`` points.
 
-    Attributes:
+    Where leaving one out shows larger errors than the likelihood expects, these set the
+    amplitude.
+
+    Args:
         points: Where the values are known, ``(N, d)``.
         values: ``(N, 1, q)``, or ``(N, 1 + d, q)`` with the slopes behind each; NaN
             where the slopes of a point are not known.
         lengths: Of the kernel, one for each coordinate, ``(d,)``.
         rough: Whether the kernel is Matern's.
+
+    Attributes:
         covariance: Of the outputs' amplitudes, ``(q, q)``.
     """
 
-    points: Floats
-    values: Floats
-    lengths: Floats
-    rough: bool
-    covariance: Floats
-    _whitener: Floats = field(repr=False)  # inverse of the kernel's Cholesky factor
-    _white_trend: Floats = field(repr=False)  # the whitener times the trend, (M, p)
-    _trend: Floats = field(repr=False)  # inverse of the factor of its information
-    _weights: Floats = field(repr=False)  # of kernel and trend, (M + p, q)
-
-    @classmethod
-    def condition(
-        cls, points: Floats, values: Floats, lengths: Floats, rough: bool
-    ) -> "Processes":
-        """Return the processes of a given kernel, conditioned on the values.
-
-        Where leaving one out shows larger errors than the likelihood expects, these set
-        the amplitude.
-        """
+    def __init__(
+        self, points: Floats, values: Floats, lengths: Floats, rough: bool
+    ) -> None:
+        self.points, self.values = points, values
+        self.lengths, self.rough = lengths, rough
         known, stacked, trend = _scale(points, values, lengths)
         width = known.shape[1]
         kernel = _correlate(points, points, lengths, rough, width, width)[0]
         factor = _factor(kernel, known)
+        # The inverse of the factor, it times the trend (M, p), and the inverse of the
+        # factor of the trend's information.
         whitener = solve_triangular(factor, np.eye(len(factor)), lower=True)
         white_trend, white = whitener @ trend, whitener @ stacked
         information = np.linalg.cholesky(white_trend.T @ white_trend)
         unknown = solve_triangular(information, np.eye(len(information)), lower=True)
+        self._whitener, self._white_trend, self._trend = whitener, white_trend, unknown
         slopes = unknown.T @ (unknown @ (white_trend.T @ white))
         residual = white - white_trend @ slopes
-        weights = np.vstack([whitener.T @ residual, slopes])
+        # Of kernel and trend, (M + p, q).
+        self._weights: Floats = np.vstack([whitener.T @ residual, slopes])
         # The variance of Student's t, which values of unknown amplitude have.
         free = max(int(known.sum()) - trend.shape[1] - 2, 1)
-        covariance = residual.T @ residual / free
-        parts = whitener, white_trend, unknown, weights
-        expected = cls(points, values, lengths, rough, covariance, *parts)
-        sd = expected.amplitudes * expected.left_out_sd[:, None]
-        ratios = expected.leave_out(values) / np.maximum(sd, np.sqrt(LEAST_OF_OUTPUT))
+        self.covariance: Floats = residual.T @ residual / free
+        sd = self.amplitudes * self.left_out_sd[:, None]
+        ratios = self.leave_out(values) / np.maximum(sd, np.sqrt(LEAST_OF_OUTPUT))
         wider = np.sqrt(np.maximum((ratios**2).mean(axis=0), 1.0))
-        return replace(expected, covariance=covariance * np.outer(wider, wider))
+        self.covariance *= np.outer(wider, wider)
 
     @property
     def sloped(self) -> bool:
@@ -272,7 +263,7 @@ def fit_processes(
             climb = minimize(cost, np.clip(first, *bounds.T), (rough,), **how)
             if climb.fun < best:
                 best, lengths, kind = climb.fun, np.exp(climb.x), rough
-    return Processes.condition(points, values, lengths, kind)
+    return Processes(points, values, lengths, kind)
 
 
 def _kernel(
