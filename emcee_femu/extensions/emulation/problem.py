@@ -9,7 +9,6 @@ error in these units says whether it matters.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -49,35 +48,36 @@ NEAR_SPREAD = 0.25  # the same around a given point
 FEWEST_FITTED = 3  # points to which a process can be fitted
 
 
-@dataclass(frozen=True)
 class Recorder:
     """A model whose response is nothing but the variables that are to be emulated.
+
+    Args:
+        problem: What is emulated.
 
     Attributes:
         model: The full model, inside of its pairing.
         raw: The variables that are recorded of it.
         names: The parameters that there are.
         paired: The pairing, of whose candidates it is recorded at the sensors.
-        inputs: The parameters by which derivatives are recorded too; none without.
+        columns: Those of the parameters by which derivatives are recorded too.
+        inputs: The names of these.
+        variables: What is recorded.
     """
 
-    model: Model
-    raw: dict[str, Variable]
-    names: tuple[str, ...]
-    paired: PairedModel | None
-    inputs: tuple[str, ...]
-    one_by_one: bool = True  # as they are asked for, so that a failure is known
+    one_by_one = True  # as they are asked for, so that a failure is known
 
-    @property
-    def variables(self) -> dict[str, Variable]:
-        """What is recorded."""
-        if not self.inputs:
-            return self.raw
-        slopes = {
-            name + SLOPES_SUFFIX: Variable({**v.coords, "by parameter": self.inputs})
-            for name, v in self.raw.items()
-        }
-        return self.raw | slopes | {DERIVATIVES_KNOWN: Variable({})}
+    def __init__(self, problem: "EmulationProblem") -> None:
+        self.raw, self.paired = problem.variables, problem.paired
+        self.model: Model = (problem.paired or problem.posterior).model
+        self.names = problem.posterior.names
+        self.columns = problem.inputs if problem.derivatives else []
+        self.inputs = [self.names[i] for i in self.columns]
+        self.variables = dict(self.raw)
+        if self.inputs:
+            for name, v in self.raw.items():
+                coords = {**v.coords, "by parameter": self.inputs}
+                self.variables[name + SLOPES_SUFFIX] = Variable(coords)
+            self.variables[DERIVATIVES_KNOWN] = Variable({})
 
     def __call__(self, parameters: Parameters) -> Named:
         """Solve in full; zero are derivatives that the model refuses at a point.
@@ -110,10 +110,9 @@ class Recorder:
                 "emulate(..., derivatives=False)"
             )
         recorded = self._read(response)
-        columns = [self.names.index(name) for name in self.inputs]
         moves = [
             self._read({name: tangent[..., j] for name, tangent in tangents.items()})
-            for j in columns
+            for j in self.columns
         ]
         for name in self.raw:
             tangent = np.stack([move[name] for move in moves], axis=-1)
@@ -179,12 +178,7 @@ class EmulationProblem:
 
     def recorder(self) -> LogPosterior:
         """Return the posterior whose rows store the raw variables of a full solve."""
-        prior, paired = self.posterior.prior, self.paired
-        model = self.posterior.model if paired is None else paired.model
-        names = tuple(prior.names)
-        inputs = [names[i] for i in self.inputs] if self.derivatives else []
-        recorder = Recorder(model, self.variables, names, paired, tuple(inputs))
-        return LogPosterior(recorder, compare_nothing, prior)
+        return LogPosterior(Recorder(self), compare_nothing, self.posterior.prior)
 
     def part(self, recorded: Named) -> tuple[Named, Named]:
         """Return raw variables, and their derivatives; NaN where they are not known.

@@ -44,10 +44,9 @@ class RitzBasis:
         tolerance: float,
     ) -> None:
         self.model, self.bounds = model, bounds
-        self.K: list[csc_array] = []  # what parameters multiply, if it is a sum
-        self.M: list[csc_array] = []
-        if isinstance(model, AffineModel):
-            self.K, self.M = ([*map(csc_array, part)] for part in model.parts)
+        # What parameters multiply, if it is a sum.
+        parts = model.parts if isinstance(model, AffineModel) else ([], [])
+        self.K, self.M = ([*map(csc_array, part)] for part in parts)
         self.units = self.K + self.M
         self.inside = [np.empty((0, 0)) for _ in self.units]  # of these, in the basis
         self.points: list[Floats] = []
