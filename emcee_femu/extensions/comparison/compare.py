@@ -235,47 +235,31 @@ class Entry:
     Attributes:
         label: The move's name.
         diagnosis: The judgement of all its ensembles.
-        ess: Bulk ESS of the worst parameter in each ensemble, ``(ensembles,)``.
-        kept, chain: Evaluations of the kept steps, and of the stored ones.
-        cpu: CPU seconds, in total.
         run: The run.
         idata: ArviZ object of the kept steps.
+        chain: Evaluations of all stored steps.
+        ess_per_1000: ESS of the worst parameter per 1000 evaluations of the kept steps,
+            of each ensemble, ``(ensembles,)``.
+        efficiency: ESS of all ensembles per 1000 evaluations of the kept steps.
+        error: Standard error of the efficiency, from the spread of the ensembles.
+        end_to_end: ESS per 1000 evaluations, including the burn-in and everything
+            before.
+        per_cpu_second: ESS per CPU second of the kept steps, assuming a constant pace.
     """
 
     def __init__(self, label: str, run: Run, burnt: int, cpu: float) -> None:
-        self.label, self.run, self.cpu = label, run, cpu
-        self.diagnosis = diagnose(run, burnt)
-        ess = [diagnose(sampler, burnt).ess_bulk.min() for sampler in run]
-        self.ess: Floats = np.array(ess)
+        self.label, self.run, self.diagnosis = label, run, diagnose(run, burnt)
         self.idata = to_inference_data(run, discard=burnt)
         evaluations = len(run) * run[0].nwalkers * _count_cost(run.moves)
-        self.kept: int = round(evaluations * (run[0].iteration - burnt))
+        kept = round(evaluations * (run[0].iteration - burnt))
         self.chain: int = round(evaluations * run[0].iteration)
-
-    @property
-    def ess_per_1000(self) -> Floats:
-        """ESS per 1000 evaluations of each ensemble, ``(ensembles,)``."""
-        return 1000 * len(self.ess) * self.ess / self.kept
-
-    @property
-    def efficiency(self) -> float:
-        """ESS of all ensembles per 1000 evaluations of the kept steps."""
-        return float(1000 * self.diagnosis.ess_bulk.min() / self.kept)
-
-    @property
-    def error(self) -> float:
-        """Standard error of the efficiency, from the spread of the ensembles."""
-        return float(self.ess_per_1000.std(ddof=1) / np.sqrt(len(self.ess)))
-
-    @property
-    def end_to_end(self) -> float:
-        """ESS per 1000 evaluations, including the burn-in and everything before."""
-        return self.efficiency * self.kept / (self.chain + self.run.evaluations)
-
-    @property
-    def per_cpu_second(self) -> float:
-        """ESS per CPU second of the kept steps, assuming a constant pace."""
-        return self.efficiency**2 * self.kept / (1000 * self.end_to_end * self.cpu)
+        ess = [diagnose(sampler, burnt).ess_bulk.min() for sampler in run]
+        self.ess_per_1000: Floats = 1000 * len(run) * np.array(ess) / kept
+        self.error = float(self.ess_per_1000.std(ddof=1) / np.sqrt(len(run)))
+        every = float(self.diagnosis.ess_bulk.min())
+        self.efficiency = 1000 * every / kept
+        self.end_to_end = 1000 * every / (self.chain + run.evaluations)
+        self.per_cpu_second = every * (self.chain + run.evaluations) / kept / cpu
 
     def __str__(self) -> str:
         """Return label, efficiency and its standard error."""

@@ -1,7 +1,6 @@
 """The chain of an emulated posterior, and what draws of it solved in full tell."""
 
 from collections.abc import Callable
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +38,8 @@ class EmulatedChain:
         draws: All draws, step by step, ``(n, d)``.
         log_posterior: The emulated log-posterior there, ``(n,)``.
         coordinates: Logarithms of positive parameters, in which distances are.
+        x: Those of all draws, ``(n, d)``.
+        root: The Cholesky factor of their covariance, ``(d, d)``.
         bounds: Of the emulated posterior's prior, ``(d, 2)``.
         size: As many independent draws would know the centre as well, the worst
             parameter's.
@@ -65,6 +66,9 @@ class EmulatedChain:
         self.draws: Floats = by_step[steps, order].reshape(-1, d)
         self.log_posterior = chains.log_prob.reshape(n, m)[steps, order].ravel()
         self.coordinates = Coordinates.positive(prior)
+        self.x = self.coordinates.coordinates(self.draws)
+        scale = np.atleast_2d(np.cov(self.x, rowvar=False))
+        self.root = np.linalg.cholesky(scale + 1e-12 * np.diag(np.diag(scale)))
         constant = dataset(idata, "constant_data").reindex(parameter=list(self.names))
         self.bounds: Floats = constant[["lower", "upper"]].to_array().values.T
         by_walker = by_step.swapaxes(0, 1)
@@ -78,17 +82,6 @@ class EmulatedChain:
         # At least one; NaN is that of a chain too short.
         sizes = np.fmax(np.nan_to_num([bulk, *map(mean_size, both)], nan=1.0), 1.0)
         self.size, self.mean_sizes = float(min(sizes[0].min(), m * n)), sizes[1:]
-
-    @cached_property
-    def x(self) -> Floats:
-        """The coordinates of all draws, ``(n, d)``."""
-        return self.coordinates.coordinates(self.draws)
-
-    @cached_property
-    def root(self) -> Floats:
-        """The Cholesky factor of their covariance, ``(d, d)``."""
-        scale = np.atleast_2d(np.cov(self.x, rowvar=False))
-        return np.asarray(np.linalg.cholesky(scale + 1e-12 * np.diag(np.diag(scale))))
 
     def whiten(self, theta: Floats) -> Floats:
         """Transform points ``(n, d)`` so that the draws have unit covariance."""

@@ -31,8 +31,6 @@ observations in Gaussian process models of dynamic systems.
 # scikit-learn has neither lengths that outputs share, nor a trend in the restricted
 # likelihood, nor slopes, nor leaving one out.
 
-from functools import cached_property
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
@@ -67,6 +65,7 @@ class Processes:
 
     Attributes:
         covariance: Of the outputs' amplitudes, ``(q, q)``.
+        left_out_sd: The ``unit_sd`` of each point of the fit from the others, ``(N,)``.
     """
 
     def __init__(
@@ -85,6 +84,13 @@ class Processes:
         information = np.linalg.cholesky(white_trend.T @ white_trend)
         unknown = solve_triangular(information, np.eye(len(information)), lower=True)
         self._whitener, self._white_trend, self._trend = whitener, white_trend, unknown
+        # The precision of values and slopes, free of the trend, (M, M), and the
+        # covariance of a point's value and slopes given the others.
+        hidden, each = unknown @ white_trend.T @ whitener, np.arange(len(points))
+        self._projector: Floats = whitener.T @ whitener - hidden.T @ hidden
+        own = self._projector.reshape(kernel.shape)[each, :, each]
+        self._left_out = np.linalg.inv(own)
+        self.left_out_sd: Floats = np.sqrt(self._left_out[:, 0, 0])
         slopes = unknown.T @ (unknown @ (white_trend.T @ white))
         residual = white - white_trend @ slopes
         # Of kernel and trend, (M + p, q).
@@ -163,25 +169,6 @@ class Processes:
         stacked = _scale(self.points, values, self.lengths)[1]
         residuals = (self._projector @ stacked).reshape(values.shape)
         return np.asarray((self._left_out[:, :1] @ residuals)[:, 0])
-
-    @property
-    def left_out_sd(self) -> Floats:
-        """The ``unit_sd`` of each point of the fit from the others, ``(N,)``."""
-        return np.asarray(np.sqrt(self._left_out[:, 0, 0]))
-
-    @cached_property
-    def _left_out(self) -> Floats:
-        """The covariance of a point's value and slopes given the others, by point."""
-        n, width = self.values.shape[:2]
-        each = np.arange(n)
-        own = self._projector.reshape(n, width, n, width)[each, :, each]
-        return np.asarray(np.linalg.inv(own))
-
-    @cached_property
-    def _projector(self) -> Floats:
-        """The precision of values and slopes, free of the trend, ``(M, M)``."""
-        part = self._trend @ self._white_trend.T @ self._whitener
-        return np.asarray(self._whitener.T @ self._whitener - part.T @ part)
 
     def _correlate(self, a: Floats, b: Floats, rows: int, columns: int) -> Floats:
         blocks = _correlate(a, b, self.lengths, self.rough, rows, columns)[0]
