@@ -25,7 +25,7 @@ from .draws import GROWN, EmulatedDraws, Explorer
 from .emulated import EmulatedExperiments, EmulatedModel, emulate_each
 from .gaussian_process import NUGGET
 from .partition import fit_outputs
-from .problem import FEWEST_FITTED, EmulationProblem, check_starts, first_points
+from .problem import FEWEST_FITTED, EmulationProblem, first_points
 
 UNITS = 8  # points at which measurement errors are taken from the terms
 MORE = 4  # points of the first design beyond d: a linear trend needs d + 1
@@ -160,8 +160,7 @@ def emulate(
     seed = checks.whole_number("seed", seed)
     d, fewer, width = posterior.ndim, problem.derivatives, count_workers(pool, workers)
     number = max(d // 2 + 1, FEWEST_FITTED) if fewer else d + MORE
-    places = check_starts(starts, problem)
-    first = first_points(problem, max(number, width), seed, places)
+    first = first_points(problem, max(number, width), seed, starts)
     batch = d // (4 if fewer else 2) + 1
     if checks.whole_number("solves", solves, 1) < len(first) + batch:
         raise ValueError(

@@ -64,7 +64,9 @@ class Processes:
         rough: Whether the kernel is Matern's.
 
     Attributes:
+        sloped: Whether slopes are known at some points.
         covariance: Of the outputs' amplitudes, ``(q, q)``.
+        amplitudes: Standard deviations of the processes about their trend, ``(q,)``.
         left_out_sd: The ``unit_sd`` of each point of the fit from the others, ``(N,)``.
     """
 
@@ -72,7 +74,7 @@ class Processes:
         self, points: Floats, values: Floats, lengths: Floats, rough: bool
     ) -> None:
         self.points, self.values = points, values
-        self.lengths, self.rough = lengths, rough
+        self.lengths, self.rough, self.sloped = lengths, rough, values.shape[1] > 1
         known, stacked, trend = _scale(points, values, lengths)
         width = known.shape[1]
         kernel = _correlate(points, points, lengths, rough, width, width)[0]
@@ -97,21 +99,12 @@ class Processes:
         self._weights: Floats = np.vstack([whitener.T @ residual, slopes])
         # The variance of Student's t, which values of unknown amplitude have.
         free = max(int(known.sum()) - trend.shape[1] - 2, 1)
-        self.covariance: Floats = residual.T @ residual / free
-        sd = self.amplitudes * self.left_out_sd[:, None]
+        covariance = residual.T @ residual / free
+        sd = np.sqrt(covariance.diagonal()) * self.left_out_sd[:, None]
         ratios = self.leave_out(values) / np.maximum(sd, np.sqrt(LEAST_OF_OUTPUT))
         wider = np.sqrt(np.maximum((ratios**2).mean(axis=0), 1.0))
-        self.covariance *= np.outer(wider, wider)
-
-    @property
-    def sloped(self) -> bool:
-        """Whether slopes are known at some points."""
-        return bool(self.values.shape[1] > 1)
-
-    @property
-    def amplitudes(self) -> Floats:
-        """Standard deviations of the processes about their trend, ``(q,)``."""
-        return np.asarray(np.sqrt(self.covariance.diagonal()))
+        self.covariance: Floats = covariance * np.outer(wider, wider)
+        self.amplitudes: Floats = np.sqrt(self.covariance.diagonal())
 
     def predict(self, points: Floats) -> Floats:
         """Return means ``(n, q)`` at points ``(n, d)``."""

@@ -354,43 +354,41 @@ def _find_variables(posterior: LogPosterior) -> dict[str, Variable]:
 
 
 def first_points(
-    problem: EmulationProblem, number: int, seed: int, starts: Floats | None
+    problem: EmulationProblem, number: int, seed: int, starts: ArrayLike | None
 ) -> Floats:
     """Return a first design ``(n, d)`` inside the prior's support.
 
     Sobol points, mapped through the quantiles of the prior and drawn together towards
-    its mean, which is among them; or towards a given point, nearer to it.
+    its mean, which is among them; or towards a given point ``(d,)``, nearer to it. Or
+    the points ``(n, d)`` that were given.
+
+    Raises:
+        ValueError: If a start is out of bounds, or points are too few or alike.
     """
-    if starts is not None and starts.ndim == 2:
-        return starts
-    coordinates, prior = problem.coordinates, problem.posterior.prior
+    coordinates, posterior = problem.coordinates, problem.posterior
     rng = np.random.default_rng(*np.random.SeedSequence(seed).spawn(1))
     draws = coordinates.sample(np.random.default_rng(0), DESIGN_DRAWS)
-    mean = draws.mean(axis=0)
+    centre, spread = (mean := draws.mean(axis=0)), DESIGN_SPREAD
+    if starts is not None:
+        given = checks.real_array("starts", starts)
+        posterior.check_inside("starts", np.atleast_2d(given))
+        if given.ndim == 2:
+            among = given[:, problem.inputs]
+            if len(among) < FEWEST_FITTED or not np.ptp(among, axis=0).all():
+                raise ValueError(
+                    f"starts: expected a point (d,), or at least {FEWEST_FITTED} "
+                    "points (n, d) that differ in every parameter of the model, got "
+                    f"{given.tolist()}"
+                )
+            return given
+        centre, spread = coordinates.coordinates(given[None])[0], NEAR_SPREAD
     power = int(np.ceil(np.log2(number - 1)))
     places = qmc.Sobol(len(mean), seed=rng).random_base2(power)[: number - 1]
     columns = zip(draws.T, places.T, strict=True)
     far = np.column_stack([np.quantile(*pair) for pair in columns])
-    centre, spread = mean, DESIGN_SPREAD
-    if starts is not None:
-        centre, spread = coordinates.coordinates(starts[None])[0], NEAR_SPREAD
     points = coordinates.parameters(np.vstack([centre, centre + spread * (far - mean)]))
-    theta = np.clip(points, *prior.bounds.T)
-    outside = ~(prior.logpdf(theta) > -np.inf)  # of a prior that is not independent
-    theta[outside] = prior.sample(rng, int(outside.sum()))
+    theta = np.clip(points, *posterior.prior.bounds.T)
+    # Of a prior that is not independent.
+    outside = ~(posterior.prior.logpdf(theta) > -np.inf)
+    theta[outside] = posterior.prior.sample(rng, int(outside.sum()))
     return theta
-
-
-def check_starts(starts: ArrayLike | None, problem: EmulationProblem) -> Floats | None:
-    """Return a point ``(d,)`` or points ``(n, d)`` inside the bounds, or None."""
-    if starts is None:
-        return None
-    points, posterior = checks.real_array("starts", starts), problem.posterior
-    posterior.check_inside("starts", np.atleast_2d(points))
-    enough = len(points) >= FEWEST_FITTED
-    if points.ndim == 2 and not (enough and np.ptp(points[:, problem.inputs], 0).all()):
-        raise ValueError(
-            f"starts: expected a point (d,), or at least {FEWEST_FITTED} points (n, d) "
-            f"that differ in every parameter of the model, got {points.tolist()}"
-        )
-    return points
