@@ -158,7 +158,7 @@ def _choose_modes(
     def make(first: int, last: int) -> Aligned | Symmetric:
         members = slice(first, last)
         if shapes is None and last > first + 1:
-            return Symmetric.of(first, unit[members], eigenvalues[:, members])
+            return Symmetric(first, unit[members], eigenvalues[:, members])
         wanted = None if shape_unit is None else shape_unit[:, members]
         inverse = None if shapes is None else np.linalg.pinv(shapes[centre][:, members])
         scaled = None if scale is None else scale[members]

@@ -73,6 +73,7 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
                 f"{{'K': path, 'M': path}}, got {path!r}"
             )
         parts, asked = [], [*files]
+        dofs = None if labels is None else read_labels(labels)
         for name, file in files.items():
             held = read_file(file)
             chosen = [part for part in held if len(held) == 1 or part.name == name]
@@ -81,16 +82,14 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
                     f"{file}: expected one matrix, or one named {name}, got "
                     f"{[part.name for part in held]}"
                 )
-            parts.append(chosen[0]._replace(name=name))
-        if labels is not None:
-            dofs = read_labels(labels)
-            for part in parts:
-                if part.dofs is not None and not np.array_equal(part.dofs, dofs):
-                    raise ValueError(
-                        f"path['{LABELS}']: {part.path} has its own row labels, and "
-                        f"those of {labels} differ; leave it out"
-                    )
-            parts = [part._replace(dofs=dofs) for part in parts]
+            own = chosen[0].dofs
+            if not (own is None or dofs is None or np.array_equal(own, dofs)):
+                raise ValueError(
+                    f"path['{LABELS}']: {file} has its own row labels, and those of "
+                    f"{labels} differ; leave it out"
+                )
+            rows = dofs if own is None else own
+            parts.append(chosen[0]._replace(name=name, dofs=rows))
         source = ", ".join(file.name for file in files.values())
     else:
         file = Path(checks.file_name("path", path))
