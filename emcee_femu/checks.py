@@ -169,6 +169,14 @@ def instance(argument: str, value: object, kind: type[T]) -> T:
     return value
 
 
+def one_of(argument: str, value: object, choices: Iterable[T]) -> T:
+    """Return which of the choices a value is, refusing others."""
+    for choice in (known := list(choices)):
+        if choice == value:
+            return choice
+    raise ValueError(f"{argument}: expected one of {known}, got {value!r}")
+
+
 def mapping(argument: str, value: object, form: str) -> Mapping[str, Any]:
     """Return a mapping, refusing others; ``form`` is what was expected."""
     if not isinstance(value, Mapping):

@@ -123,10 +123,9 @@ def open_evaluator(
     """
     path = check_path(backend, checks.flag("resume", resume))
     tolerance = checks.real_number("probe_tolerance", probe_tolerance, 0)
-    if on_failure not in ("raise", "reject"):
-        raise ValueError(f"on_failure: raise or reject, not {on_failure!r}")
+    reject = checks.one_of("on_failure", on_failure, ("raise", "reject")) == "reject"
     log = FailureLog(checks.real_number("max_failures", max_failures, 0.0, 1.0))
-    solver = Solver(posterior, on_failure == "reject")
+    solver = Solver(posterior, reject)
     with open_pool(pool, workers, solver) as opened:
         evaluation = Evaluation(solver, opened, log if solver.reject else None)
         if path is None:

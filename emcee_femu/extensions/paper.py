@@ -49,10 +49,10 @@ class Problem(Report):
         model: The FE model.
         measured: Measured natural frequencies in Hz, ``(5,)``.
         initial: Starting parameters theta_0, by name.
-        nominal: The printed nominal parameters, by name; None if unknown.
-        target: The parameters that reproduce the measured frequencies; None if unknown.
         published: The printed results.
         units: Units by parameter name.
+        nominal: The printed nominal parameters, by name; None if unknown.
+        target: The parameters that reproduce the measured frequencies; None if unknown.
 
     Examples:
         >>> from emcee_femu import paper
@@ -65,10 +65,10 @@ class Problem(Report):
     model: Model
     measured: Floats
     initial: Mapping[str, float]
-    nominal: Mapping[str, float] | None
-    target: Mapping[str, float] | None
     published: Published
     units: Mapping[str, str]
+    nominal: Mapping[str, float] | None = None
+    target: Mapping[str, float] | None = None
 
     def _parts(self) -> Parts:
         names = [*self.initial]
@@ -240,8 +240,6 @@ def h_structure(beta: float = 10.0) -> Problem:
         model=model,
         measured=measured,
         initial=by_name(initial),
-        nominal=None,
-        target=None,
         published=Published(
             parameters={
                 "paper DE-MC": by_name(demc),

@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from .. import checks
 from ..contracts import Floats
 from ..posterior.log_posterior import LogPosterior
-from ..posterior.priors import GaussianPrior, IndependentPrior
+from ..posterior.priors import KnownPrior
 from ..results.arviz_objects import prior_draws, samples
 from ..results.to_arviz import read_samples
 from ..sampling.judge import mean_sizes
@@ -307,18 +307,12 @@ def estimate_density(
     levels = np.quantile(at_points, 1 - np.array(REGION_SHARES))
     centres = low + cells * (0.5 + np.arange(CELLS)[:, None])
     x = centre + np.stack(np.meshgrid(*centres.T, indexing="ij"), axis=-1) @ turn.T
-    covariance = np.cov(points, rowvar=False)
-    offsets = x - points.mean(axis=0)
-    squares = np.einsum("...i,ij,...j", offsets, np.linalg.inv(covariance), offsets)
+    offsets, precision = x - points.mean(axis=0), np.linalg.inv(np.cov(points.T))
+    squares = np.einsum("...i,ij,...j", offsets, precision, offsets)
     shown = ((x >= limits[:, 0]) & (x <= limits[:, 1])).all(axis=-1)
-    region = (values >= levels[0]) & shown
-    cell = abs(np.linalg.det(turn)) * np.prod(cells)
-    shared = (region & (squares <= RADIUS**2)).sum() * cell
-    ellipse = math.pi * RADIUS**2 * math.sqrt(np.linalg.det(covariance))
-    overlap = shared / (ellipse + region.sum() * cell - shared)
-    reach = RADIUS * np.sqrt(np.diag(covariance))
-    ends = points.mean(axis=0) + np.outer([-1, 1], reach)
-    fits = ((ends >= limits[:, 0]) & (ends <= limits[:, 1])).all()
+    region, ellipse = (values >= levels[0]) & shown, squares <= RADIUS**2
+    overlap = (region & ellipse).sum() / (region | ellipse).sum()
+    fits = shown[ellipse].all()
     gaussian = bool(fits and overlap > SAME_WIDTH - GRID_NOISE / math.sqrt(size))
     return (x[..., 0], x[..., 1], values), levels, gaussian
 
@@ -404,11 +398,9 @@ def _prior_density(
     posterior: LogPosterior | None, name: str, values: Floats
 ) -> Floats | None:
     """Return the prior's density at values ``(n,)``, its maximum 1, None if unknown."""
-    prior = None if posterior is None else posterior.prior
-    if not isinstance(prior, GaussianPrior | IndependentPrior):
-        return None
-    if name not in prior.names:  # a derived quantity
-        return None
+    prior = posterior and posterior.prior
+    if not isinstance(prior, KnownPrior) or name not in prior.names:
+        return None  # as for a derived quantity
     theta = np.tile(values[:, None], len(prior.names))
     density = np.exp(prior.logpdfs(theta)[:, prior.names.index(name)])
     return np.asarray(density / density[np.isfinite(density)].max())

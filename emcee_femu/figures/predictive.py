@@ -1,6 +1,6 @@
 """Deviations of predictions from the measurements: of each value, and of the mean."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from math import ceil
 
 import numpy as np
@@ -221,7 +221,7 @@ def plot_tae(
     posterior = checks.instance("posterior", posterior, LogPosterior)
     curve = running_tae(idata, posterior, experiment)
     figure, (axes,) = subplots(1, 1, (6.4, 4.0))
-    draw_errors(axes, {"": curve})
+    draw_errors(axes, [(*curve, {})])
     axes.set_xlabel("generation")
     axes.set_title(f"after the last generation: {curve[1][-1]:.3g} %", fontsize=10)
     return finish(figure, idata)
@@ -260,17 +260,13 @@ def running_tae(
     return steps, 100 * np.abs(frequencies[:, : len(measured)] / measured - 1).mean(1)
 
 
-def draw_errors(
-    axes: Axes,
-    curves: Mapping[str, tuple[Floats, Floats]],
-    styles: Mapping[str, Style] | None = None,
-) -> None:
-    """Draw errors in percent by label; logarithmic where a decade is passed."""
-    for label, (generations, error) in curves.items():
-        axes.plot(generations, error, label=label, **(styles or {}).get(label, {}))
+def draw_errors(axes: Axes, curves: Sequence[tuple[Floats, Floats, Style]]) -> None:
+    """Draw errors in percent in their styles; logarithmic where a decade is passed."""
+    for generations, error, style in curves:
+        axes.plot(generations, error, **style)
     axes.set(xscale="log", ylabel="total average error of the mean so far (%)")
     axes.xaxis.set_major_formatter("{x:g}")
-    values = np.concatenate([error for _, error in curves.values()])
+    values = np.concatenate([error for _, error, _ in curves])
     if values.max() > 10 * values.min():
         axes.set_yscale("log")
         axes.yaxis.set_major_locator(ticker.LogLocator(subs=(1, 2, 5)))

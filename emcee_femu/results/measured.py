@@ -12,6 +12,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import checks
 from ..contracts import Floats, Variable, read, read_declared
 from ..likelihoods.term import Term
 from ..posterior.experiments import Experiment
@@ -389,9 +390,7 @@ def choose_experiment(posterior: LogPosterior, name: str | None) -> Experiment:
     names = [experiment.name for experiment in posterior.experiments]
     if name is None and len(names) == 1:
         return posterior.experiments[0]
-    if name not in names:
-        raise ValueError(f"experiment: expected one of {names}, got {name!r}")
-    return posterior.experiments[names.index(name)]
+    return posterior.experiments[names.index(checks.one_of("experiment", name, names))]
 
 
 def solve_shapes(

@@ -112,7 +112,7 @@ def test_draws_are_spread_evenly_and_count_as_often_as_they_were_met():
     assert found.search.status == "not searched"
     # They are not beside a thin ridge, though each parameter has all its values there.
     ridge = rng.uniform(-8.0, 8.0, (400, 1)) + rng.normal(0.0, 0.05, (400, 2))
-    chain = EmulatedChain.of(sampled(flat, ridge), flat.prior, rng)
+    chain = EmulatedChain(sampled(flat, ridge), flat.prior, rng)
     on, beside = chain.distance(np.array([[1.0, 1.0], [1.0, -1.0]]))
     assert on < 1.0 < beside
 

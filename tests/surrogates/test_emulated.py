@@ -101,7 +101,7 @@ def by_own_lengths(model):
     (fitted,) = model.processes
     parts = fitted.values[:, :, :1], fitted.values[:, :, 1:]
     apart = (
-        type(fitted).condition(fitted.points, part, scale * fitted.lengths, False)
+        type(fitted)(fitted.points, part, scale * fitted.lengths, False)
         for part, scale in zip(parts, (0.5, 1.0), strict=True)
     )
     return replace(model, processes=tuple(apart))
@@ -258,7 +258,7 @@ def test_blocks_have_lengths_of_their_own_where_that_is_better():
         return np.abs(np.hstack([p.predict(fresh) for p in processes]) - truth).mean()
 
     apart = partition.fit_outputs(x, answer(x, 1), {}, units, even)[1]
-    together = fit_processes(x, np.hstack([wave(x, 0), wave(x, 1)]))
+    together = fit_processes(x, np.hstack([wave(x, 0), wave(x, 1)])[:, None])
     assert len(apart) == 2 and error(apart, 1) < 0.5 * error([together], 1)
     alike = partition.fit_outputs(x, answer(x, 0), {}, units, even)[1]
     assert len(alike) == 1 and error(alike, 0) < 0.5 * error([together], 1)

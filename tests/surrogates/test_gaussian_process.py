@@ -32,7 +32,7 @@ def with_slopes(x):
     return np.concatenate([answers(x)[:, None], slopes], axis=1)
 
 
-VALUES = answers(POINTS)
+VALUES = answers(POINTS)[:, None]
 FITTED = gp.fit_processes(POINTS, VALUES)
 FEW, SLOPED = POINTS[:8], with_slopes(POINTS[:8])
 PARTLY = SLOPED.copy()
@@ -41,9 +41,9 @@ LENGTHS = np.array([2.0, 2.5, 9.0])
 TREND = np.hstack([np.ones((len(POINTS), 1)), POINTS])
 CASES = {
     "smooth": FITTED,
-    "rough": gp.Processes.condition(POINTS, VALUES, FITTED.lengths, True),
-    "rough, sloped": gp.Processes.condition(FEW, SLOPED, LENGTHS, True),
-    "partly": gp.Processes.condition(FEW, PARTLY, LENGTHS, False),
+    "rough": gp.Processes(POINTS, VALUES, FITTED.lengths, True),
+    "rough, sloped": gp.Processes(FEW, SLOPED, LENGTHS, True),
+    "partly": gp.Processes(FEW, PARTLY, LENGTHS, False),
 }
 EVERY = pytest.mark.parametrize("case", CASES)
 SMALL = 1e-4  # differences in place of slopes
@@ -133,14 +133,14 @@ def test_the_covariance_after_further_solves_needs_no_values(case):
 
 def test_the_kernel_is_rough_where_there_are_kinks():
     x = RNG.standard_normal((40, 3))
-    assert gp.fit_processes(x, kinks(x)).rough
-    assert not gp.fit_processes(x, answers(x)).rough
+    assert gp.fit_processes(x, kinks(x)[:, None]).rough
+    assert not gp.fit_processes(x, answers(x)[:, None]).rough
 
 
 @pytest.mark.parametrize("rough", [False, True])
 @pytest.mark.parametrize(
     ("points", "values"),
-    [(POINTS, VALUES[:, None]), (FEW, PARTLY)],
+    [(POINTS, VALUES), (FEW, PARTLY)],
     ids=["values", "partly"],
 )
 def test_the_lengths_maximise_the_restricted_likelihood(points, values, rough):
@@ -178,10 +178,12 @@ def test_the_lengths_maximise_the_restricted_likelihood(points, values, rough):
 
 def test_few_points_have_a_constant_trend_and_straight_outputs_change_nothing():
     few = gp.fit_processes(POINTS[:4], VALUES[:4])
-    assert_allclose(few.predict(POINTS[:4]), VALUES[:4], atol=0.1)
+    assert_allclose(few.predict(POINTS[:4]), VALUES[:4, 0], atol=0.1)
     assert np.isfinite(few.unit_sd(FRESH)).all()
     straight = [POINTS @ [1.0, 2.0, -3.0], np.full(len(POINTS), 3.0)]
-    fitted = gp.fit_processes(POINTS, np.column_stack([VALUES, *straight]))
+    fitted = gp.fit_processes(
+        POINTS, np.column_stack([VALUES[:, 0], *straight])[:, None]
+    )
     mean = fitted.predict(FRESH)
     assert_allclose(mean[:, 2], FRESH @ [1.0, 2.0, -3.0], atol=1e-6)
     assert_allclose(mean[:, 3], 3.0, atol=1e-6)
@@ -198,8 +200,8 @@ def test_amplitudes_are_those_of_students_t_or_of_what_is_left_out():
     trend, white = np.linalg.solve(factor, TREND), np.linalg.solve(factor, values)
     residual = white - trend @ np.linalg.lstsq(trend, white)[0]
     of_t = (residual**2).sum(axis=0) / (number - p - 2)
-    fitted = gp.Processes.condition(POINTS, values, LENGTHS, False)
-    z = fitted.leave_out(values) / fitted.left_out_sd[:, None]
+    fitted = gp.Processes(POINTS, values[:, None], LENGTHS, False)
+    z = fitted.leave_out(fitted.values) / fitted.left_out_sd[:, None]
     left_out = (z**2).mean(axis=0)
     assert 0.1 < (left_out > of_t).mean() < 0.9  # both occur
     assert_allclose(fitted.amplitudes**2, np.maximum(of_t, left_out), rtol=1e-3)

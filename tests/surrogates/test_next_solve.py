@@ -53,7 +53,7 @@ def test_a_solve_goes_where_it_lowers_the_expected_error_most(monkeypatch):
             values = np.concatenate([each.values, each.values[:1]])
             for i, candidate in enumerate(at):
                 points = np.vstack([each.points, candidate])
-                more = each.condition(points, values, each.lengths, each.rough)
+                more = type(each)(points, values, each.lengths, each.rough)
                 errors[i] += trace * (weights @ more.unit_sd(at) ** 2)
         taken = np.flatnonzero((draws.wide == point).all(axis=1))[0]
         assert errors[taken] < errors.min() + 1e-3 * np.ptp(errors)

@@ -142,20 +142,7 @@ def compare_moves(
         sampled = run(posterior, move, nwalkers, steps, ensembles=ensembles, seed=seed)
         cpu = time.process_time() - clock
         burnt = 0 if discard is None and sampled.search is not None else dropped
-        evaluations = ensembles * nwalkers * _count_cost(sampled.moves)
-        ess = [diagnose(sampler, burnt).ess_bulk.min() for sampler in sampled]
-        entries.append(
-            Entry(
-                label=label,
-                diagnosis=diagnose(sampled, burnt),
-                ess=np.array(ess),
-                kept=round(evaluations * (steps - burnt)),
-                chain=round(evaluations * steps),
-                cpu=cpu,
-                run=sampled,
-                idata=to_inference_data(sampled, discard=burnt),
-            )
-        )
+        entries.append(Entry(label, sampled, burnt, cpu))
     winner, words = conclude(entries)
     for entry in entries:
         if max_evaluations is not None and entry.chain > max_evaluations:
@@ -236,53 +223,43 @@ def _check_reference(
     return moments
 
 
-@dataclass(frozen=True, eq=False)
 class Entry:
     """What one move achieved; evaluations are those of the log-posterior.
+
+    Args:
+        label: The move's name.
+        run: The run.
+        burnt: Stored steps that are dropped as burn-in.
+        cpu: CPU seconds, in total.
 
     Attributes:
         label: The move's name.
         diagnosis: The judgement of all its ensembles.
-        ess: Bulk ESS of the worst parameter in each ensemble, ``(ensembles,)``.
-        kept, chain: Evaluations of the kept steps, and of the stored ones.
-        cpu: CPU seconds, in total.
         run: The run.
         idata: ArviZ object of the kept steps.
+        chain: Evaluations of all stored steps.
+        ess_per_1000: ESS of the worst parameter per 1000 evaluations of the kept steps,
+            of each ensemble, ``(ensembles,)``.
+        efficiency: ESS of all ensembles per 1000 evaluations of the kept steps.
+        error: Standard error of the efficiency, from the spread of the ensembles.
+        end_to_end: ESS per 1000 evaluations, including the burn-in and everything
+            before.
+        per_cpu_second: ESS per CPU second of the kept steps, assuming a constant pace.
     """
 
-    label: str
-    diagnosis: Diagnosis
-    ess: Floats
-    kept: int
-    chain: int
-    cpu: float
-    run: Run
-    idata: InferenceData
-
-    @property
-    def ess_per_1000(self) -> Floats:
-        """ESS per 1000 evaluations of each ensemble, ``(ensembles,)``."""
-        return 1000 * len(self.ess) * self.ess / self.kept
-
-    @property
-    def efficiency(self) -> float:
-        """ESS of all ensembles per 1000 evaluations of the kept steps."""
-        return float(1000 * self.diagnosis.ess_bulk.min() / self.kept)
-
-    @property
-    def error(self) -> float:
-        """Standard error of the efficiency, from the spread of the ensembles."""
-        return float(self.ess_per_1000.std(ddof=1) / np.sqrt(len(self.ess)))
-
-    @property
-    def end_to_end(self) -> float:
-        """ESS per 1000 evaluations, including the burn-in and everything before."""
-        return self.efficiency * self.kept / (self.chain + self.run.evaluations)
-
-    @property
-    def per_cpu_second(self) -> float:
-        """ESS per CPU second of the kept steps, assuming a constant pace."""
-        return self.efficiency**2 * self.kept / (1000 * self.end_to_end * self.cpu)
+    def __init__(self, label: str, run: Run, burnt: int, cpu: float) -> None:
+        self.label, self.run, self.diagnosis = label, run, diagnose(run, burnt)
+        self.idata = to_inference_data(run, discard=burnt)
+        evaluations = len(run) * run[0].nwalkers * _count_cost(run.moves)
+        kept = round(evaluations * (run[0].iteration - burnt))
+        self.chain: int = round(evaluations * run[0].iteration)
+        ess = [diagnose(sampler, burnt).ess_bulk.min() for sampler in run]
+        self.ess_per_1000: Floats = 1000 * len(run) * np.array(ess) / kept
+        self.error = float(self.ess_per_1000.std(ddof=1) / np.sqrt(len(run)))
+        every = float(self.diagnosis.ess_bulk.min())
+        self.efficiency = 1000 * every / kept
+        self.end_to_end = 1000 * every / (self.chain + run.evaluations)
+        self.per_cpu_second = every * (self.chain + run.evaluations) / kept / cpu
 
     def __str__(self) -> str:
         """Return label, efficiency and its standard error."""

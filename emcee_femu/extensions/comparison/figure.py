@@ -66,12 +66,12 @@ def plot_comparison(comparison: Comparison) -> Figure:
     if curves:
         axes = panels[1]
         failed = [label for label, d in comparison.diagnoses.items() if not d.converged]
-        styles: dict[str, Style] = {
-            label: {"ls": "--" if label in failed else "-", "color": color, "lw": 1.6}
-            for label, color in colors.items()
-        }
-        kept = {k: (steps - steps[0] + 1, tae) for k, (steps, tae) in curves.items()}
-        draw_errors(axes, kept, styles)
+        drawn = []
+        for label, (steps, tae) in curves.items():
+            style: Style = {"label": label, "color": colors[label], "lw": 1.6}
+            style["ls"] = "--" if label in failed else "-"
+            drawn.append((steps - steps[0] + 1, tae, style))
+        draw_errors(axes, drawn)
         axes.set_xlabel("generation after burn-in")
         dashed = "; dashed: not converged" if failed else ""
         axes.set_title(f"colours as on the left{dashed}", fontsize=10)

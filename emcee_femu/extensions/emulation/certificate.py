@@ -140,8 +140,8 @@ class Certificate(Report):
     @property
     def _reasons(self) -> list[str]:
         """Why the emulated posterior is refused, the most obvious reason first."""
-        weakness = self._find_weakness()
-        return [*self.faults, *([weakness] if weakness else []), *self.missed]
+        reasons = (*self.faults, self._find_weakness(), *self.missed)
+        return [*filter(None, reasons)]
 
     def _find_weakness(self) -> str:
         """Return the most obvious reason not to trust the weights; empty if none."""
@@ -169,8 +169,7 @@ class Certificate(Report):
     def table(self) -> Table:
         """Emulated and true moments, errors and differences, one row per parameter."""
         shift = (self.mean - self.emulated_mean) / self.sd
-        known = () if self.idata is None else self.names
-        units = [unit_of(self.idata, name) for name in known]
+        units = [unit_of(self.idata, name) for name in self.names]
         return Table.from_columns(
             f"Certificate by {self.solves} full solves",
             [

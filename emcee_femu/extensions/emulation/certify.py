@@ -155,7 +155,7 @@ def certify(
     seed = checks.whole_number("seed", seed)
     display = check_progress(progress)
     rng = np.random.default_rng(seed)
-    chain = EmulatedChain.of(idata, posterior.prior, rng)
+    chain = EmulatedChain(idata, posterior.prior, rng)
     # Before a solve is spent: they may raise.
     unsound, warned = _judge_chain(idata)
     faults = [*compare_bounds(chain, posterior.prior), *unsound]
@@ -173,8 +173,7 @@ def certify(
         climbed = evaluator.failed
         places, counts = chain.choose(solves - evaluator.solves, rng)
         theta, emulated = chain.draws[places], chain.log_posterior[places]
-        by_number = dict(evaluator.each(theta))
-        rows = np.array([by_number[i] for i in range(len(theta))])
+        rows = np.array([row for _, row in sorted(evaluator.each(theta))])
     n, log_posterior = len(theta), rows[:, 0]
     counted = log_posterior - emulated + np.log(counts)
     efficiency = kish_share(counted)

@@ -82,16 +82,11 @@ class Explorer:
         self,
         emulator: EmulatedModel,
         coordinates: Coordinates,
-        size: int,
         rng: np.random.Generator,
-        *,
-        power: float = 1.0,
+        power: float,
     ) -> EmulatedDraws:
-        """Return draws of the posterior of an emulator made from ``size`` points.
-
-        Of a ``power`` of its likelihood.
-        """
-        problem = self.problem
+        """Return draws of an emulator's posterior, of a ``power`` of its likelihood."""
+        problem, size = self.problem, len(emulator.processes[0].points)
         posterior = problem.replace_model(emulator)
         wider = problem.replace_model(replace(emulator, factor=WIDER_IN_TRUTH))
         narrow, broad = (

@@ -25,7 +25,7 @@ from .draws import GROWN, EmulatedDraws, Explorer
 from .emulated import EmulatedExperiments, EmulatedModel, emulate_each
 from .gaussian_process import NUGGET
 from .partition import fit_outputs
-from .problem import FEWEST_FITTED, EmulationProblem, check_starts, first_points
+from .problem import FEWEST_FITTED, EmulationProblem, first_points
 
 UNITS = 8  # points at which measurement errors are taken from the terms
 MORE = 4  # points of the first design beyond d: a linear trend needs d + 1
@@ -156,13 +156,11 @@ def emulate(
     checks.instance("posterior", posterior, LogPosterior)
     if len(posterior.experiments) > 1 or cheap is not None:
         return emulate_each(posterior, cheap, emulate, options)
-    problem = EmulationProblem.of(posterior, checks.flag("derivatives", derivatives))
+    problem = EmulationProblem(posterior, checks.flag("derivatives", derivatives))
     seed = checks.whole_number("seed", seed)
-    coordinates = Coordinates.of(posterior.prior)
     d, fewer, width = posterior.ndim, problem.derivatives, count_workers(pool, workers)
     number = max(d // 2 + 1, FEWEST_FITTED) if fewer else d + MORE
-    places = check_starts(starts, problem)
-    first = first_points(coordinates, max(number, width), seed, places)
+    first = first_points(problem, max(number, width), seed, starts)
     batch = d // (4 if fewer else 2) + 1
     if checks.whole_number("solves", solves, 1) < len(first) + batch:
         raise ValueError(
@@ -185,7 +183,7 @@ def emulate(
         open_evaluator(recorder, asked, *how) as evaluator,
         progress_bar(display, solves, "emulate") as evaluator.bar,
     ):
-        emulation = _Emulation(problem, evaluator, coordinates, batch)
+        emulation = _Emulation(problem, evaluator, batch)
         emulation.solve(first)
         return emulation.run(solves, max(batch, width), seed, tolerance)
 
@@ -196,7 +194,6 @@ class _Emulation:
     Args:
         problem: What is emulated.
         evaluator: Runs the full solves.
-        first: The coordinates in which the first fit sees the parameters.
         few: A batch has one point per ``few`` that explores beyond the posterior.
 
     Attributes:
@@ -206,14 +203,10 @@ class _Emulation:
     """
 
     def __init__(
-        self,
-        problem: EmulationProblem,
-        evaluator: Evaluation,
-        first: Coordinates,
-        few: int,
+        self, problem: EmulationProblem, evaluator: Evaluation, few: int
     ) -> None:
         self.problem, self.evaluator, self.few = problem, evaluator, few
-        self.coordinates, self._compared = first, 0
+        self.coordinates, self._compared = (first := problem.coordinates), 0
         positive = Coordinates.positive(first.prior)
         same = (positive.logs == first.logs)[problem.inputs].all()
         self._maps = [first] if same else [first, positive]  # it may be smoothest in
@@ -243,15 +236,13 @@ class _Emulation:
         while True:
             emulator = self._fit(emulator, draws)
             rng = np.random.default_rng([seed, len(history)])
-            number = int(self._solved.sum())
             if history:
                 true = [error for _, _, error, _ in history[-SETTLED:]]
                 largest = max([LARGE_TRUE_ERROR, *filter(np.isfinite, true)])
                 wanted = (LARGE_TRUE_ERROR / largest) ** 2
                 power = min(max(wanted, STAGE * power), 1.0)
-            draws = explorer.draw(  # at first no error is known
-                emulator, self.coordinates, number, rng, power=power or 1.0
-            )
+            # At first no error is known.
+            draws = explorer.draw(emulator, self.coordinates, rng, power or 1.0)
             spent = len(self.theta)
             # Fresh draws of the whole prior may have come upon something new.
             known = draws.predicted <= SURPRISE * tolerance
@@ -282,9 +273,7 @@ class _Emulation:
 
     def solve(self, points: Floats) -> None:
         """Solve in full; each solve is stored as it arrives."""
-        rows = np.empty((len(points), self.rows.shape[1]))
-        for number, row in self.evaluator.each(points):
-            rows[number] = row
+        rows = [row for _, row in sorted(self.evaluator.each(points))]
         failures = self.evaluator.failures
         if failures is not None:  # by itself it begins at a hundred
             known = failures.evaluations, failures.max_failures
@@ -376,11 +365,8 @@ class _Emulation:
         traces = np.array([each.covariance.trace() for each in processes])
         traces += LEAST_VARIANCE
         shares = traces / traces.sum()  # of the error, by processes
-        variance = sum(
-            share * each.unit_sd(at) ** 2
-            for share, each in zip(shares, processes, strict=True)
-        )
-        weights = draws.errors / np.maximum(variance, NUGGET)
+        sds = np.array([each.unit_sd(at) for each in processes])
+        weights = draws.errors / np.maximum(shares @ sds**2, NUGGET)
         chosen = self.theta[~self._solved]
         for place in range(number):
             extra = emulator.coordinates(chosen[:, inputs])

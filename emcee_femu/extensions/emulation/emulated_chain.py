@@ -1,8 +1,6 @@
 """The chain of an emulated posterior, and what draws of it solved in full tell."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,51 +25,52 @@ LEFT_OUT = 0.01  # share of the prior outside the emulator's bounds that is acce
 NEAR_A_BOUND, PRESSED = 0.1, 0.005
 
 
-@dataclass(frozen=True, eq=False)
 class EmulatedChain:
     """What an ArviZ object holds of the emulated posterior.
+
+    Args:
+        idata: The ArviZ object.
+        prior: That of the true posterior.
+        rng: Puts walkers in random order at each step.
 
     Attributes:
         names: Parameter names, ``d`` of them.
         draws: All draws, step by step, ``(n, d)``.
         log_posterior: The emulated log-posterior there, ``(n,)``.
         coordinates: Logarithms of positive parameters, in which distances are.
+        x: Those of all draws, ``(n, d)``.
+        root: The Cholesky factor of their covariance, ``(d, d)``.
         bounds: Of the emulated posterior's prior, ``(d, 2)``.
         size: As many independent draws would know the centre as well, the worst
             parameter's.
         mean_sizes: The same for each parameter's mean and mean square, ``(2, d)``.
+
+    Raises:
+        ValueError: If idata lacks the bounds, or is not a chain but what an earlier
+            certificate corrected.
     """
 
-    names: tuple[str, ...]
-    draws: Floats
-    log_posterior: Floats
-    coordinates: Coordinates
-    bounds: Floats
-    size: float
-    mean_sizes: Floats
-
-    @classmethod
-    def of(
-        cls, idata: InferenceData, prior: Prior, rng: np.random.Generator
-    ) -> "EmulatedChain":
-        """Return the chain; walkers are in random order at each step.
-
-        Raises:
-            ValueError: If idata lacks the bounds, or is not a chain but what an earlier
-                certificate corrected.
-        """
+    def __init__(
+        self, idata: InferenceData, prior: Prior, rng: np.random.Generator
+    ) -> None:
         if is_weighted(idata):
             raise ValueError(
                 "idata: expected draws of the emulated posterior, got those that a "
                 "certificate has weighted; give it the object that you certified"
             )
         chains = read_chains(idata)
-        names, (n, _, _, d) = chains.names, chains.draws.shape
+        self.names, (n, _, _, d) = chains.names, chains.draws.shape
         by_step = chains.draws.reshape(n, -1, d)
         m, steps = by_step.shape[1], np.arange(n)[:, None]
         order = rng.permuted(np.tile(np.arange(m), (n, 1)), axis=1)
-        draws = by_step[steps, order].reshape(-1, d)
-        constant = dataset(idata, "constant_data").reindex(parameter=list(names))
+        self.draws: Floats = by_step[steps, order].reshape(-1, d)
+        self.log_posterior = chains.log_prob.reshape(n, m)[steps, order].ravel()
+        self.coordinates = Coordinates.positive(prior)
+        self.x = self.coordinates.coordinates(self.draws)
+        scale = np.atleast_2d(np.cov(self.x, rowvar=False))
+        self.root = np.linalg.cholesky(scale + 1e-12 * np.diag(np.diag(scale)))
+        constant = dataset(idata, "constant_data").reindex(parameter=list(self.names))
+        self.bounds: Floats = constant[["lower", "upper"]].to_array().values.T
         by_walker = by_step.swapaxes(0, 1)
         bulk = effective_sizes(by_walker)[0]
         mean_size: Callable[[Floats], Floats] = mean_sizes
@@ -79,29 +78,10 @@ class EmulatedChain:
             # Exchanges hand states over, which walker by walker look independent.
             bulk, mean_size = diagnose(idata).ess_bulk, size_by_means
             by_walker = chains.draws
-        both = by_walker, (by_walker - draws.mean(axis=0)) ** 2
+        both = by_walker, (by_walker - self.draws.mean(axis=0)) ** 2
         # At least one; NaN is that of a chain too short.
         sizes = np.fmax(np.nan_to_num([bulk, *map(mean_size, both)], nan=1.0), 1.0)
-        return cls(
-            names=names,
-            draws=draws,
-            log_posterior=chains.log_prob.reshape(n, m)[steps, order].ravel(),
-            coordinates=Coordinates.positive(prior),
-            bounds=constant[["lower", "upper"]].to_array().values.T,
-            size=float(min(sizes[0].min(), m * n)),
-            mean_sizes=sizes[1:],
-        )
-
-    @cached_property
-    def x(self) -> Floats:
-        """The coordinates of all draws, ``(n, d)``."""
-        return self.coordinates.coordinates(self.draws)
-
-    @cached_property
-    def root(self) -> Floats:
-        """The Cholesky factor of their covariance, ``(d, d)``."""
-        scale = np.atleast_2d(np.cov(self.x, rowvar=False))
-        return np.asarray(np.linalg.cholesky(scale + 1e-12 * np.diag(np.diag(scale))))
+        self.size, self.mean_sizes = float(min(sizes[0].min(), m * n)), sizes[1:]
 
     def whiten(self, theta: Floats) -> Floats:
         """Transform points ``(n, d)`` so that the draws have unit covariance."""

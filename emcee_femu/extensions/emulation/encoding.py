@@ -18,7 +18,7 @@ root or a crossing stays finite; otherwise the moves are derivatives.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -126,7 +126,6 @@ class Aligned:
         return A, shapes * self.shape_unit
 
 
-@dataclass(frozen=True, eq=False)
 class Symmetric:
     r"""Two or three eigenvalues by their mean and central moments.
 
@@ -135,27 +134,24 @@ class Symmetric:
 
     Whatever is predicted, the eigenvalues are real and in order.
 
+    Args:
+        first: The first of the modes.
+        unit: Of the eigenvalues, ``(r,)``.
+        eigenvalues: Those that were solved for, ``(N, r)``.
+
     Attributes:
         first: The first of the modes.
+        size: How many numbers, r.
         unit: Of the moments, ``(r,)``.
     """
 
-    first: int
-    unit: Floats
-
-    @classmethod
-    def of(cls, first: int, unit: Floats, eigenvalues: Floats) -> Self:
-        """Return the block for eigenvalues ``(N, r)`` of the given units ``(r,)``."""
+    def __init__(self, first: int, unit: Floats, eigenvalues: Floats) -> None:
         sd = float(np.sqrt((unit**2).mean()))
         spread = max(float(np.median(eigenvalues.std(axis=1))), sd)
         # A moment moves by its power times the spread for a move of one.
         scales = [sd, 2.0 * spread * sd, 3.0 * spread**2 * sd]
-        return cls(first, np.array(scales[: eigenvalues.shape[1]]))
-
-    @property
-    def size(self) -> int:
-        """How many numbers."""
-        return len(self.unit)
+        self.first, self.size = first, len(unit)
+        self.unit: Floats = np.array(scales[: self.size])
 
     def encode(self, response: Named) -> Floats:
         """Return the moments, ``(n, size)``."""

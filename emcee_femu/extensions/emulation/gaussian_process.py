@@ -31,9 +31,6 @@ observations in Gaussian process models of dynamic systems.
 # scikit-learn has neither lengths that outputs share, nor a trend in the restricted
 # likelihood, nor slopes, nor leaving one out.
 
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
@@ -53,69 +50,61 @@ LONGEST_LENGTH = 200.0  # length, in spreads, beyond which the trend says as muc
 LENGTH_ROWS = 300
 
 
-@dataclass(frozen=True, eq=False)
 class Processes:
-    """Gaussian processes conditioned on ``N`` points; made by :func:`fit_processes`.
+    """Gaussian processes of a given kernel, conditioned on the values at ``N`` points.
 
-    Attributes:
+    Where leaving one out shows larger errors than the likelihood expects, these set the
+    amplitude.
+
+    Args:
         points: Where the values are known, ``(N, d)``.
         values: ``(N, 1, q)``, or ``(N, 1 + d, q)`` with the slopes behind each; NaN
             where the slopes of a point are not known.
         lengths: Of the kernel, one for each coordinate, ``(d,)``.
         rough: Whether the kernel is Matern's.
+
+    Attributes:
+        sloped: Whether slopes are known at some points.
         covariance: Of the outputs' amplitudes, ``(q, q)``.
+        amplitudes: Standard deviations of the processes about their trend, ``(q,)``.
+        left_out_sd: The ``unit_sd`` of each point of the fit from the others, ``(N,)``.
     """
 
-    points: Floats
-    values: Floats
-    lengths: Floats
-    rough: bool
-    covariance: Floats
-    _whitener: Floats = field(repr=False)  # inverse of the kernel's Cholesky factor
-    _white_trend: Floats = field(repr=False)  # the whitener times the trend, (M, p)
-    _trend: Floats = field(repr=False)  # inverse of the factor of its information
-    _weights: Floats = field(repr=False)  # of kernel and trend, (M + p, q)
-
-    @classmethod
-    def condition(
-        cls, points: Floats, values: Floats, lengths: Floats, rough: bool
-    ) -> "Processes":
-        """Return the processes of a given kernel, conditioned on the values.
-
-        Where leaving one out shows larger errors than the likelihood expects, these set
-        the amplitude.
-        """
-        values = _with_slopes(values)
+    def __init__(
+        self, points: Floats, values: Floats, lengths: Floats, rough: bool
+    ) -> None:
+        self.points, self.values = points, values
+        self.lengths, self.rough, self.sloped = lengths, rough, values.shape[1] > 1
         known, stacked, trend = _scale(points, values, lengths)
         width = known.shape[1]
         kernel = _correlate(points, points, lengths, rough, width, width)[0]
         factor = _factor(kernel, known)
+        # The inverse of the factor, it times the trend (M, p), and the inverse of the
+        # factor of the trend's information.
         whitener = solve_triangular(factor, np.eye(len(factor)), lower=True)
         white_trend, white = whitener @ trend, whitener @ stacked
         information = np.linalg.cholesky(white_trend.T @ white_trend)
         unknown = solve_triangular(information, np.eye(len(information)), lower=True)
+        self._whitener, self._white_trend, self._trend = whitener, white_trend, unknown
+        # The precision of values and slopes, free of the trend, (M, M), and the
+        # covariance of a point's value and slopes given the others.
+        hidden, each = unknown @ white_trend.T @ whitener, np.arange(len(points))
+        self._projector: Floats = whitener.T @ whitener - hidden.T @ hidden
+        own = self._projector.reshape(kernel.shape)[each, :, each]
+        self._left_out = np.linalg.inv(own)
+        self.left_out_sd: Floats = np.sqrt(self._left_out[:, 0, 0])
         slopes = unknown.T @ (unknown @ (white_trend.T @ white))
         residual = white - white_trend @ slopes
-        weights = np.vstack([whitener.T @ residual, slopes])
+        # Of kernel and trend, (M + p, q).
+        self._weights: Floats = np.vstack([whitener.T @ residual, slopes])
         # The variance of Student's t, which values of unknown amplitude have.
         free = max(int(known.sum()) - trend.shape[1] - 2, 1)
         covariance = residual.T @ residual / free
-        parts = whitener, white_trend, unknown, weights
-        expected = cls(points, values, lengths, rough, covariance, *parts)
-        sd = expected.amplitudes * expected.left_out_sd[:, None]
-        ratios = expected.leave_out(values) / np.maximum(sd, np.sqrt(LEAST_OF_OUTPUT))
+        sd = np.sqrt(covariance.diagonal()) * self.left_out_sd[:, None]
+        ratios = self.leave_out(values) / np.maximum(sd, np.sqrt(LEAST_OF_OUTPUT))
         wider = np.sqrt(np.maximum((ratios**2).mean(axis=0), 1.0))
-        return replace(expected, covariance=covariance * np.outer(wider, wider))
-
-    @property
-    def sloped(self) -> bool:
-        """Whether slopes are known at some points."""
-        return bool(self.values.shape[1] > 1)
-
-    @property
-    def amplitudes(self) -> Floats:
-        """Standard deviations of the processes about their trend, ``(q,)``."""
-        return np.asarray(np.sqrt(self.covariance.diagonal()))
+        self.covariance: Floats = covariance * np.outer(wider, wider)
+        self.amplitudes: Floats = np.sqrt(self.covariance.diagonal())
 
     def predict(self, points: Floats) -> Floats:
         """Return means ``(n, q)`` at points ``(n, d)``."""
@@ -170,29 +159,9 @@ class Processes:
 
         Source: Dubrule (1983), doi:10.1007/BF01033232.
         """
-        values = _with_slopes(values)
         stacked = _scale(self.points, values, self.lengths)[1]
         residuals = (self._projector @ stacked).reshape(values.shape)
         return np.asarray((self._left_out[:, :1] @ residuals)[:, 0])
-
-    @property
-    def left_out_sd(self) -> Floats:
-        """The ``unit_sd`` of each point of the fit from the others, ``(N,)``."""
-        return np.asarray(np.sqrt(self._left_out[:, 0, 0]))
-
-    @cached_property
-    def _left_out(self) -> Floats:
-        """The covariance of a point's value and slopes given the others, by point."""
-        n, width = self.values.shape[:2]
-        each = np.arange(n)
-        own = self._projector.reshape(n, width, n, width)[each, :, each]
-        return np.asarray(np.linalg.inv(own))
-
-    @cached_property
-    def _projector(self) -> Floats:
-        """The precision of values and slopes, free of the trend, ``(M, M)``."""
-        part = self._trend @ self._white_trend.T @ self._whitener
-        return np.asarray(self._whitener.T @ self._whitener - part.T @ part)
 
     def _correlate(self, a: Floats, b: Floats, rows: int, columns: int) -> Floats:
         blocks = _correlate(a, b, self.lengths, self.rough, rows, columns)[0]
@@ -232,7 +201,7 @@ def fit_processes(
     Args:
         points: ``(N, d)`` coordinates of at least three points, of about unit spread;
             two where slopes are known.
-        values: ``(N, q)``, in units in which 0.01 does not matter; ``(N, 1 + d, q)``
+        values: ``(N, 1, q)``, in units in which 0.01 does not matter; ``(N, 1 + d, q)``
             with the slopes by the coordinates behind, NaN where they are not known.
         start: Lengths ``(d,)``, those of the last fit.
         kinds: Whether the kernels that are tried are rough.
@@ -242,24 +211,21 @@ def fit_processes(
 
     Examples:
         >>> x = np.linspace(-1.0, 1.0, 7)[:, None]
-        >>> fitted = fit_processes(x, 100.0 * np.sin(x))
+        >>> fitted = fit_processes(x, 100.0 * np.sin(x)[:, None])
         >>> at = np.array([[0.5]])
         >>> sd = fitted.unit_sd(at) * fitted.amplitudes
         >>> error = fitted.predict(at)[0] - 100.0 * np.sin(0.5)
         >>> bool(abs(error[0]) < 5.0 * sd[0] < 0.5)
         True
     """
-    every = _with_slopes(values)
     spread = np.maximum(points.std(axis=0), 1e-12)
-    _, stacked, trend = _scale(points, every, np.ones(points.shape[1]))
+    _, stacked, trend = _scale(points, values, np.ones(points.shape[1]))
     stacked -= trend @ np.linalg.lstsq(trend, stacked, rcond=None)[0]
     square = (stacked**2).mean(axis=0)
     counts = square / (square + STRAIGHT**2)  # of outputs that are not straight
-    bent = np.where(np.isnan(every), np.nan, stacked.reshape(every.shape))
-    some = np.arange(len(points))
-    if every.shape[1] > 1:
-        most = max(LENGTH_ROWS // every.shape[1], 3)
-        some = np.linspace(0, len(points) - 1, min(most, len(points))).astype(int)
+    bent = np.where(np.isnan(values), np.nan, stacked.reshape(values.shape))
+    most = max(LENGTH_ROWS // values.shape[1], 3) if values.shape[1] > 1 else np.inf
+    some = np.linspace(0, len(points) - 1, int(min(most, len(points)))).astype(int)
 
     def cost(logs: Floats, rough: bool) -> tuple[float, Floats]:
         return _restricted(points[some], bent[some], np.exp(logs), rough, counts)
@@ -277,12 +243,7 @@ def fit_processes(
             climb = minimize(cost, np.clip(first, *bounds.T), (rough,), **how)
             if climb.fun < best:
                 best, lengths, kind = climb.fun, np.exp(climb.x), rough
-    return Processes.condition(points, values, lengths, kind)
-
-
-def _with_slopes(values: Floats) -> Floats:
-    """Return values ``(N, 1, q)``, or ``(N, 1 + d, q)`` as they are."""
-    return values if values.ndim == 3 else values[:, None]
+    return Processes(points, values, lengths, kind)
 
 
 def _kernel(

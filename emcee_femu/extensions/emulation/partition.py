@@ -75,19 +75,16 @@ def fit_outputs(
     if numbers or processes is None:
         values = observe(outputs, response, tangents)
         processes = _fit(points, values, start, again)
-        wrong = processes.leave_out(values)[:, modal.size :]
-        cost += float(weights @ np.minimum(wrong**2, WORST).sum(axis=1))
+        cost += _square(processes.leave_out(values)[:, modal.size :], weights)
     if len(blocks) == 1 or (again and len(start) == 1):
         return outputs, (processes,), cost
-
-    def error(fits: Sequence[Processes]) -> float:
-        wrong = np.hstack([fit.leave_out(fit.values) for fit in fits])
-        return float(weights @ np.minimum(wrong**2, WORST).sum(axis=1))
 
     ends = np.cumsum([block.size for block in blocks])[:-1]
     parts = np.split(processes.values, ends, axis=2)
     apart = tuple(_fit(points, part, [processes], again) for part in parts)
-    share = error(apart) / max(error([processes]), EXACT_ERROR)
+    own = np.hstack([fit.leave_out(fit.values) for fit in apart])
+    common = _square(processes.leave_out(processes.values), weights)
+    share = _square(own, weights) / max(common, EXACT_ERROR)
     if share > WORTH_A_BLOCK:
         return outputs, (processes,), cost
     return outputs, apart, share * cost
@@ -161,7 +158,7 @@ def _choose_modes(
     def make(first: int, last: int) -> Aligned | Symmetric:
         members = slice(first, last)
         if shapes is None and last > first + 1:
-            return Symmetric.of(first, unit[members], eigenvalues[:, members])
+            return Symmetric(first, unit[members], eigenvalues[:, members])
         wanted = None if shape_unit is None else shape_unit[:, members]
         inverse = None if shapes is None else np.linalg.pinv(shapes[centre][:, members])
         scaled = None if scale is None else scale[members]
@@ -177,12 +174,10 @@ def _choose_modes(
         still, members = np.empty((*errors.shape, 0)), slice(*key)
         decoded, _ = blocks[key].decode(codes[key][:, 0] - errors, still, False)
         wrong = (decoded["eigenvalues"] - eigenvalues[:, members]) / unit[members]
-        total = np.minimum(wrong**2, WORST).sum(axis=1)
         count = key[1] - key[0]
         if shape_unit is not None:
-            by_shapes = errors[:, count * (count + 1) // 2 :] ** 2
-            total = total + np.minimum(by_shapes, WORST).sum(axis=1)
-        mean = float(weights @ total)
+            wrong = np.hstack([wrong, errors[:, count * (count + 1) // 2 :]])
+        mean = _square(wrong, weights)
         return mean if count == 1 else mean / WORTH_A_BLOCK
 
     partings: dict[tuple[Key, ...], tuple[float, Processes]] = {}
@@ -202,6 +197,11 @@ def _choose_modes(
     ascending = bool((np.diff(frequencies, axis=1) >= 0).all())
     outputs = Outputs(tuple(blocks[key] for key in best), least, ascending)
     return outputs, partings[best][1], partings[best][0]
+
+
+def _square(wrong: Floats, weights: Floats) -> float:
+    """Return the weighted mean square of errors ``(N, q)``, none beyond WORST."""
+    return float(weights @ np.minimum(wrong**2, WORST).sum(axis=1))
 
 
 def _fit(

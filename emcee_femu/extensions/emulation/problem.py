@@ -9,7 +9,6 @@ error in these units says whether it matters.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -49,35 +48,36 @@ NEAR_SPREAD = 0.25  # the same around a given point
 FEWEST_FITTED = 3  # points to which a process can be fitted
 
 
-@dataclass(frozen=True)
 class Recorder:
     """A model whose response is nothing but the variables that are to be emulated.
+
+    Args:
+        problem: What is emulated.
 
     Attributes:
         model: The full model, inside of its pairing.
         raw: The variables that are recorded of it.
         names: The parameters that there are.
         paired: The pairing, of whose candidates it is recorded at the sensors.
-        inputs: The parameters by which derivatives are recorded too; none without.
+        columns: Those of the parameters by which derivatives are recorded too.
+        inputs: The names of these.
+        variables: What is recorded.
     """
 
-    model: Model
-    raw: dict[str, Variable]
-    names: tuple[str, ...]
-    paired: PairedModel | None
-    inputs: tuple[str, ...]
-    one_by_one: bool = True  # as they are asked for, so that a failure is known
+    one_by_one = True  # as they are asked for, so that a failure is known
 
-    @property
-    def variables(self) -> dict[str, Variable]:
-        """What is recorded."""
-        if not self.inputs:
-            return self.raw
-        slopes = {
-            name + SLOPES_SUFFIX: Variable({**v.coords, "by parameter": self.inputs})
-            for name, v in self.raw.items()
-        }
-        return self.raw | slopes | {DERIVATIVES_KNOWN: Variable({})}
+    def __init__(self, problem: "EmulationProblem") -> None:
+        self.raw, self.paired = problem.variables, problem.paired
+        self.model: Model = (problem.paired or problem.posterior).model
+        self.names = problem.posterior.names
+        self.columns = problem.inputs if problem.derivatives else []
+        self.inputs = [self.names[i] for i in self.columns]
+        self.variables = dict(self.raw)
+        if self.inputs:
+            for name, v in self.raw.items():
+                coords = {**v.coords, "by parameter": self.inputs}
+                self.variables[name + SLOPES_SUFFIX] = Variable(coords)
+            self.variables[DERIVATIVES_KNOWN] = Variable({})
 
     def __call__(self, parameters: Parameters) -> Named:
         """Solve in full; zero are derivatives that the model refuses at a point.
@@ -89,11 +89,9 @@ class Recorder:
                 return self._differentiate(parameters)
         except ValueError:
             pass
-        recorded = self._read(self.model(parameters))
         n = len(next(iter(parameters.values())))
-        absent = [name for name in self.variables if name not in recorded]
-        zeros = {name: np.zeros((n, *self.variables[name].shape)) for name in absent}
-        return recorded | zeros
+        zeros = {name: np.zeros((n, *v.shape)) for name, v in self.variables.items()}
+        return zeros | self._read(self.model(parameters))
 
     def _differentiate(self, parameters: Parameters) -> Named:
         """Return variables and derivatives.
@@ -112,10 +110,9 @@ class Recorder:
                 "emulate(..., derivatives=False)"
             )
         recorded = self._read(response)
-        columns = [self.names.index(name) for name in self.inputs]
         moves = [
             self._read({name: tangent[..., j] for name, tangent in tangents.items()})
-            for j in columns
+            for j in self.columns
         ]
         for name in self.raw:
             tangent = np.stack([move[name] for move in moves], axis=-1)
@@ -138,9 +135,12 @@ def compare_nothing(parameters: Parameters, response: Response) -> Floats:
     return np.zeros(len(next(iter(parameters.values()))))
 
 
-@dataclass(frozen=True, eq=False)
 class EmulationProblem:
     """A posterior whose model is to be emulated.
+
+    Args:
+        posterior: The posterior.
+        derivatives: Whether those that the model may have are wanted.
 
     Attributes:
         posterior: The posterior.
@@ -148,21 +148,13 @@ class EmulationProblem:
         inputs: Columns of the parameters that the model reads.
         paired: The model that pairs modes, if there is one.
         derivatives: Whether those that the model has are recorded and learned.
+        coordinates: Those in which the first design and fit see the parameters.
+
+    Raises:
+        ValueError: If it cannot be told what the model returns, or there is none.
     """
 
-    posterior: LogPosterior
-    variables: dict[str, Variable]
-    inputs: list[int]
-    paired: PairedModel | None
-    derivatives: bool
-
-    @classmethod
-    def of(cls, posterior: LogPosterior, derivatives: bool) -> "EmulationProblem":
-        """Return what is to be emulated of a posterior.
-
-        Raises:
-            ValueError: If it cannot be told what the model returns, or there is none.
-        """
+    def __init__(self, posterior: LogPosterior, derivatives: bool) -> None:
         errors, model = posterior.error_names, posterior.model
         if isinstance(model, DensityModel):
             raise ValueError(
@@ -171,25 +163,22 @@ class EmulationProblem:
                 "draws of the prior to be learned from few solves; give LogPosterior "
                 "the model and its terms apart, or sample it with workers="
             )
-        inputs = [i for i, name in enumerate(posterior.names) if name not in errors]
-        paired = posterior.experiments[0].paired
-        if paired is None:
+        self.posterior, self.paired = posterior, posterior.experiments[0].paired
+        self.coordinates = Coordinates.of(posterior.prior)
+        names = enumerate(posterior.names)
+        self.inputs = [i for i, name in names if name not in errors]
+        if self.paired is None:
             variables = _find_variables(posterior)
         else:  # the candidates, at the sensors
-            dofs = paired.variables["shapes"].coords["dof"]
-            variables = modal_variables(paired.candidates, dofs)
-        stored = {name: Variable(v.coords, v.unit) for name, v in variables.items()}
-        derivatives &= read_declared(model, "jacobian") is not None
-        return cls(posterior, stored, inputs, paired, derivatives)
+            dofs = self.paired.variables["shapes"].coords["dof"]
+            variables = modal_variables(self.paired.candidates, dofs)
+        self.variables = {n: Variable(v.coords, v.unit) for n, v in variables.items()}
+        known = read_declared(model, "jacobian") is not None
+        self.derivatives = derivatives and known
 
     def recorder(self) -> LogPosterior:
         """Return the posterior whose rows store the raw variables of a full solve."""
-        prior, paired = self.posterior.prior, self.paired
-        model = self.posterior.model if paired is None else paired.model
-        names = tuple(prior.names)
-        inputs = [names[i] for i in self.inputs] if self.derivatives else []
-        recorder = Recorder(model, self.variables, names, paired, tuple(inputs))
-        return LogPosterior(recorder, compare_nothing, prior)
+        return LogPosterior(Recorder(self), compare_nothing, self.posterior.prior)
 
     def part(self, recorded: Named) -> tuple[Named, Named]:
         """Return raw variables, and their derivatives; NaN where they are not known.
@@ -292,7 +281,11 @@ class EmulationProblem:
                 placed = np.full(raw.shape, np.nan)
                 np.put_along_axis(placed, compared.model_mode - 1, relative, axis=1)
                 relative = placed
-            unit = _average_units(relative, np.sqrt((raw**2).mean(axis=0)))
+            count = np.maximum(np.isfinite(relative).sum(axis=0), 1)
+            mean = np.nansum(relative, axis=0) / count
+            errors = np.sqrt(1 / np.where(mean > 0, mean, np.nan))
+            errors = np.nan_to_num(errors, nan=UNREAD * np.nanmedian(errors))
+            unit = errors * np.sqrt((raw**2).mean(axis=0))
             shape = response[name].shape[1:]
             units[name] = np.broadcast_to(unit, shape).copy() if by_mode else unit
         if not units:
@@ -360,53 +353,42 @@ def _find_variables(posterior: LogPosterior) -> dict[str, Variable]:
     return needed
 
 
-def _average_units(relative: Floats, size: Floats) -> Floats:
-    """Return the standard deviations; where nothing is known, some usual ones."""
-    count = np.maximum(np.isfinite(relative).sum(axis=0), 1)
-    mean = np.nansum(relative, axis=0) / count
-    there = mean > 0
-    errors = np.sqrt(np.divide(1.0, mean, out=np.zeros_like(mean), where=there))
-    return np.asarray(size * np.where(there, errors, UNREAD * np.median(errors[there])))
-
-
 def first_points(
-    coordinates: Coordinates, number: int, seed: int, starts: Floats | None
+    problem: EmulationProblem, number: int, seed: int, starts: ArrayLike | None
 ) -> Floats:
     """Return a first design ``(n, d)`` inside the prior's support.
 
     Sobol points, mapped through the quantiles of the prior and drawn together towards
-    its mean, which is among them; or towards a given point, nearer to it.
+    its mean, which is among them; or towards a given point ``(d,)``, nearer to it. Or
+    the points ``(n, d)`` that were given.
+
+    Raises:
+        ValueError: If a start is out of bounds, or points are too few or alike.
     """
-    if starts is not None and starts.ndim == 2:
-        return starts
-    prior = coordinates.prior
+    coordinates, posterior = problem.coordinates, problem.posterior
     rng = np.random.default_rng(*np.random.SeedSequence(seed).spawn(1))
     draws = coordinates.sample(np.random.default_rng(0), DESIGN_DRAWS)
-    mean = draws.mean(axis=0)
+    centre, spread = (mean := draws.mean(axis=0)), DESIGN_SPREAD
+    if starts is not None:
+        given = checks.real_array("starts", starts)
+        posterior.check_inside("starts", np.atleast_2d(given))
+        if given.ndim == 2:
+            among = given[:, problem.inputs]
+            if len(among) < FEWEST_FITTED or not np.ptp(among, axis=0).all():
+                raise ValueError(
+                    f"starts: expected a point (d,), or at least {FEWEST_FITTED} "
+                    "points (n, d) that differ in every parameter of the model, got "
+                    f"{given.tolist()}"
+                )
+            return given
+        centre, spread = coordinates.coordinates(given[None])[0], NEAR_SPREAD
     power = int(np.ceil(np.log2(number - 1)))
     places = qmc.Sobol(len(mean), seed=rng).random_base2(power)[: number - 1]
     columns = zip(draws.T, places.T, strict=True)
     far = np.column_stack([np.quantile(*pair) for pair in columns])
-    centre, spread = mean, DESIGN_SPREAD
-    if starts is not None:
-        centre, spread = coordinates.coordinates(starts[None])[0], NEAR_SPREAD
     points = coordinates.parameters(np.vstack([centre, centre + spread * (far - mean)]))
-    theta = np.clip(points, *prior.bounds.T)
-    outside = ~(prior.logpdf(theta) > -np.inf)  # of a prior that is not independent
-    theta[outside] = prior.sample(rng, int(outside.sum()))
+    theta = np.clip(points, *posterior.prior.bounds.T)
+    # Of a prior that is not independent.
+    outside = ~(posterior.prior.logpdf(theta) > -np.inf)
+    theta[outside] = posterior.prior.sample(rng, int(outside.sum()))
     return theta
-
-
-def check_starts(starts: ArrayLike | None, problem: EmulationProblem) -> Floats | None:
-    """Return a point ``(d,)`` or points ``(n, d)`` inside the bounds, or None."""
-    if starts is None:
-        return None
-    points, posterior = checks.real_array("starts", starts), problem.posterior
-    posterior.check_inside("starts", np.atleast_2d(points))
-    enough = len(points) >= FEWEST_FITTED
-    if points.ndim == 2 and not (enough and np.ptp(points[:, problem.inputs], 0).all()):
-        raise ValueError(
-            f"starts: expected a point (d,), or at least {FEWEST_FITTED} points (n, d) "
-            f"that differ in every parameter of the model, got {points.tolist()}"
-        )
-    return points

@@ -73,6 +73,7 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
                 f"{{'K': path, 'M': path}}, got {path!r}"
             )
         parts, asked = [], [*files]
+        dofs = None if labels is None else read_labels(labels)
         for name, file in files.items():
             held = read_file(file)
             chosen = [part for part in held if len(held) == 1 or part.name == name]
@@ -81,16 +82,14 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
                     f"{file}: expected one matrix, or one named {name}, got "
                     f"{[part.name for part in held]}"
                 )
-            parts.append(chosen[0]._replace(name=name))
-        if labels is not None:
-            dofs = read_labels(labels)
-            for part in parts:
-                if part.dofs is not None and not np.array_equal(part.dofs, dofs):
-                    raise ValueError(
-                        f"path['{LABELS}']: {part.path} has its own row labels, and "
-                        f"those of {labels} differ; leave it out"
-                    )
-            parts = [part._replace(dofs=dofs) for part in parts]
+            own = chosen[0].dofs
+            if not (own is None or dofs is None or np.array_equal(own, dofs)):
+                raise ValueError(
+                    f"path['{LABELS}']: {file} has its own row labels, and those of "
+                    f"{labels} differ; leave it out"
+                )
+            rows = dofs if own is None else own
+            parts.append(chosen[0]._replace(name=name, dofs=rows))
         source = ", ".join(file.name for file in files.values())
     else:
         file = Path(checks.file_name("path", path))
@@ -169,23 +168,19 @@ def _at_rows(part: Part, first: Part) -> csc_array:
 
     Programs leave out DOFs without mass.
     """
-    size = first.matrix.shape[0]
-    if part.dofs is not None and len(part.dofs) != part.matrix.shape[0]:
+    size, own, every = first.matrix.shape[0], part.dofs, first.dofs
+    count, told = size, f"{first.path} has {size}"
+    if own is not None and every is not None:
+        count, told = len(own), f"{len(own)} labels"
+    if part.matrix.shape[0] != count:
         raise ValueError(
-            f"{part.path}: a matrix of {part.matrix.shape[0]} rows, but "
-            f"{len(part.dofs)} labels; are they of the same job?"
+            f"{part.path}: a matrix of {part.matrix.shape[0]} rows, but {told}; are "
+            "they of the same job?"
         )
-    if part.dofs is None or first.dofs is None:
-        if part.matrix.shape[0] != size:
-            raise ValueError(
-                f"{part.path}: a matrix of {part.matrix.shape[0]} rows, but "
-                f"{first.path} has {size}; are they of the same job?"
-            )
+    if own is None or every is None or np.array_equal(own, every):
         return part.matrix
-    if np.array_equal(part.dofs, first.dofs):
-        return part.matrix
-    place = {tuple(dof): i for i, dof in enumerate(first.dofs.tolist())}
-    dofs = [tuple(dof) for dof in part.dofs.tolist()]
+    place = {tuple(dof): i for i, dof in enumerate(every.tolist())}
+    dofs = [tuple(dof) for dof in own.tolist()]
     unknown = [write_name(*dof) for dof in dofs if dof not in place]
     if unknown:
         raise ValueError(

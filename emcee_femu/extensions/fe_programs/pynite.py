@@ -61,12 +61,8 @@ def from_pynite(
     """
     if not hasattr(model, "load_combos"):
         raise TypeError(f"model: expected an FEModel3D, got {type(model).__name__}")
-    checks.text("mass_combo_name", mass_combo_name)
-    if mass_combo_name not in model.load_combos:
-        there = f"{mass_combo_name!r}; there are {[*model.load_combos]}"
-        raise ValueError(f"mass_combo_name: no load combination {there}")
-    if mass_direction not in ("X", "Y", "Z"):
-        raise ValueError(f"mass_direction: expected X, Y or Z, got {mass_direction!r}")
+    checks.one_of("mass_combo_name", mass_combo_name, model.load_combos)
+    checks.one_of("mass_direction", mass_direction, "XYZ")
     g = checks.positive_array("gravity", gravity, 0).item()
     nodes, members = model.nodes.values(), model.members.values()
     numbered = all(node.ID is not None for node in nodes)
@@ -76,11 +72,9 @@ def from_pynite(
             f"model.analyze_modal(..., {mass_combo_name!r}, ...) after the last change"
         )
     free = {
-        6 * node.ID + i: (node.name, direction)
+        6 * node.ID + i: (node.name, DOF_DIRECTIONS[i])
         for node in nodes
-        for i, (axis, direction) in enumerate(
-            zip(PYNITE_AXES, DOF_DIRECTIONS, strict=True)
-        )
+        for i, axis in enumerate(PYNITE_AXES)
         if not getattr(node, f"support_{axis}")
         and getattr(node, f"Enforced{axis}") is None
     }

@@ -62,13 +62,6 @@ def frf_variable(
     return Variable(coords, FRF_KINDS[kind][1] if unit is None else unit, stored)
 
 
-def read_kind(kind: object) -> str:
-    """Return what was measured."""
-    if not isinstance(kind, str) or kind not in FRF_KINDS:
-        raise ValueError(f"kind: expected one of {list(FRF_KINDS)}, got {kind!r}")
-    return kind
-
-
 def read_channels(channels: object) -> tuple[tuple[Channel, ...], Floats]:
     """Return pairs of DOFs along the axes, and the sign of each pair as given."""
     form = "pairs (response DOF, excitation DOF)"
@@ -190,8 +183,8 @@ class FRFMeasurements(Report):
             checks.text("unit", unit)
         self.lines, self.channels = numbers, pairs
         self.values = H * signs[:, None]
-        self.kind, self.coherence = read_kind(kind), coherence
-        self.averages, self.unit = averages, unit
+        self.kind = checks.one_of("kind", kind, FRF_KINDS)
+        self.coherence, self.averages, self.unit = coherence, averages, unit
 
     @classmethod
     def from_uff(
@@ -237,8 +230,7 @@ class FRFMeasurements(Report):
             ...     "b.uff", between=band, kind="mobility"
             ... )  # doctest: +SKIP
         """
-        if kind is not None:
-            read_kind(kind)
+        checks.one_of("kind", kind, [None, *FRF_KINDS])
         fields = _read_uff58(path, averages, kind)
         if between is not None:
             low, high = checks.group("between", between, "(low, high) in Hz", 2)

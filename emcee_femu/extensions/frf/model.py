@@ -35,7 +35,6 @@ from .measurements import (
     FRFMeasurements,
     frf_variable,
     read_channels,
-    read_kind,
     read_lines,
 )
 
@@ -130,7 +129,7 @@ class FRFModel:
         stored: bool = False,
     ) -> None:
         checks.function("model", model)
-        self.model, self.kind = model, read_kind(kind)
+        self.model, self.kind = model, checks.one_of("kind", kind, FRF_KINDS)
         self.channels, self.lines = read_channels(channels)[0], read_lines(lines)
         declared = read_declared(model, "variables") or {}
         shapes = declared.get("shapes")

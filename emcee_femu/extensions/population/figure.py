@@ -55,11 +55,7 @@ def plot_population(pooled: PooledTests, against: str | None = None) -> Figure:
         ['May', 'June', "population's mean", 'next test']
     """
     checks.instance("pooled", pooled, PooledTests)
-    covariates = [*pooled.population.covariates]
-    if against is not None and against not in covariates:
-        raise ValueError(
-            f"against: expected a covariate among {covariates}, got {against!r}"
-        )
+    checks.one_of("against", against, [None, *pooled.population.covariates])
     d, rows = len(pooled.population.names), len(pooled.tests) + 3
     columns = min(d, 4 if against is None else 3)
     lines = -(-d // columns)
@@ -101,7 +97,7 @@ def _draw_rows(axes: Axes, pooled: PooledTests, i: int) -> None:
     )
     axes.axhline(count - 0.25, color=GREY, lw=0.6)
     axes.set_ylim(count + 2.1, -0.8)
-    axes.set_xlabel(_label(pooled, name))
+    axes.set_xlabel(label_axis(name, unit_of(pooled.idata, f"mean {name}")))
 
 
 def _draw_along(axes: Axes, pooled: PooledTests, i: int, against: str) -> None:
@@ -126,12 +122,7 @@ def _draw_along(axes: Axes, pooled: PooledTests, i: int, against: str) -> None:
     axes.plot(line, np.median(mean, axis=1), color=RED, lw=1.6)
     _draw_tests(axes, pooled, i, x, BESIDE_TEST * reach, sideways=False)
     axes.set_xlabel(against)
-    axes.set_ylabel(_label(pooled, name))
-
-
-def _label(pooled: PooledTests, name: str) -> str:
-    """Return a parameter with the unit of its population's mean."""
-    return label_axis(name, unit_of(pooled.idata, f"mean {name}"))
+    axes.set_ylabel(label_axis(name, unit_of(pooled.idata, f"mean {name}")))
 
 
 def _draw_tests(

@@ -289,33 +289,30 @@ def _read_test(idata: InferenceData, names: tuple[str, ...], number: int) -> Dra
     )
 
 
-@dataclass(frozen=True, eq=False)
 class PopulationModel:
     """The parameters of a population to the log-likelihood of each test.
+
+    Args:
+        population: With all hyperpriors.
+        tests: The draws of each test, by its name.
 
     Attributes:
         population: With all hyperpriors.
         tests: The draws of each test, by its name.
+        names: The population's own parameters.
+        variables: The log-likelihood of each test, and the least share inside the
+            bounds.
+        bounds_of: The bounds of the pooled parameters, ``(d, 2)``.
     """
 
-    population: NormalPopulation
-    tests: Mapping[str, Draws]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The population's own parameters."""
-        return self.population.parameters
-
-    @property
-    def variables(self) -> dict[str, Variable]:
-        """The log-likelihood of each test, and the least share inside the bounds."""
-        by_test = Variable({"test": tuple(self.tests)})
-        return {"log_marginal": by_test, "inside": Variable({}, stored=False)}
-
-    @property
-    def bounds_of(self) -> Floats:
-        """The bounds of the pooled parameters, ``(d, 2)``."""
-        return next(iter(self.tests.values())).bounds
+    def __init__(
+        self, population: NormalPopulation, tests: Mapping[str, Draws]
+    ) -> None:
+        self.population, self.tests = population, tests
+        self.names = population.parameters
+        by_test = Variable({"test": tuple(tests)})
+        self.variables = {"log_marginal": by_test, "inside": Variable({}, stored=False)}
+        self.bounds_of = next(iter(tests.values())).bounds
 
     def __call__(self, parameters: Parameters) -> dict[str, Floats]:
         """Return ``log_marginal (n, T)``, each up to a constant."""

@@ -107,8 +107,7 @@ class PooledTests(Report):
         Raises:
             ValueError: If there is no such test.
         """
-        if test not in self.tests:
-            raise ValueError(f"test: expected one of {list(self.tests)}, got {test!r}")
+        checks.one_of("test", test, self.tests)
         columns = self.theta[:, self.tests.index(test)].T
         return dict(zip(self.population.names, columns, strict=True))
 
@@ -215,15 +214,14 @@ class PooledTests(Report):
     @property
     def conclusion(self) -> str:
         """What to do about tests out of reach and about the chains."""
-        worst = f"{self.pareto_k.max():.2f}"
-        reach = "The draws of every test reach where the population puts it (Pareto k "
-        reach += f"up to {worst})."
+        worst = f"(Pareto k up to {self.pareto_k.max():.2f})"
+        reach = f"The draws of every test reach where the population puts it {worst}."
         if self.unreached:
             first, more = self.unreached[0], len(self.unreached) - 5
             shown = ", ".join(self.unreached[:5]) + f" and {more} more" * (more > 0)
             reach = (
                 f"{shown}: do not trust this result. The draws do not reach where the "
-                f"population puts them (Pareto k up to {worst}). Sample these "
+                f"population puts them {worst}. Sample these "
                 f"tests again under the population, posteriors={{{first!r}: posterior}}"
                 f" or run under_population({first!r}, posterior), and pool again."
             )
@@ -314,9 +312,7 @@ def pool_tests(
     """
     checks.instance("population", population, NormalPopulation)
     number = checks.whole_number("draws", draws, 100)
-    seed = checks.whole_number("seed", seed)
-    steps = checks.whole_number("steps", steps, 1)
-    ensembles = checks.whole_number("ensembles", ensembles, 1)
+    steps = checks.whole_number("steps", steps, 1)  # None would be as many as needed
     names = tuple(population.names)
     by_test = read_tests(tests, names, number)
     for name, values in population.covariates.items():

@@ -1,5 +1,6 @@
 """A Ritz basis of mode shapes, which grows where a model is solved in full."""
 
+from bisect import bisect_left
 from typing import TypeAlias
 
 import numpy as np
@@ -43,10 +44,9 @@ class RitzBasis:
         tolerance: float,
     ) -> None:
         self.model, self.bounds = model, bounds
-        self.K: list[csc_array] = []  # what parameters multiply, if it is a sum
-        self.M: list[csc_array] = []
-        if isinstance(model, AffineModel):
-            self.K, self.M = ([*map(csc_array, part)] for part in model.parts)
+        # What parameters multiply, if it is a sum.
+        parts = model.parts if isinstance(model, AffineModel) else ([], [])
+        self.K, self.M = ([*map(csc_array, part)] for part in parts)
         self.units = self.K + self.M
         self.inside = [np.empty((0, 0)) for _ in self.units]  # of these, in the basis
         self.points: list[Floats] = []
@@ -157,13 +157,10 @@ class RitzBasis:
             )
             return np.sqrt(squares[:, modes])
 
-        low, high = modes.stop - 1, len(directions)
-        whole = solve(high)
-        while high - low > 1:
-            middle = (low + high) // 2
-            good = (solve(middle) / whole - 1).max() <= target
-            low, high = (low, middle) if good else (middle, high)
-        return np.asarray(directions[:, :high])
+        whole, sizes = solve(len(directions)), range(modes.stop, len(directions))
+        # Errors fall with the size, for Ritz frequencies do.
+        left = bisect_left(sizes, -target, key=lambda r: -(solve(r) / whole - 1).max())
+        return np.asarray(directions[:, : modes.stop + left])
 
     def compare(
         self, V: Floats, small: Model, point: Floats

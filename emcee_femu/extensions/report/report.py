@@ -129,8 +129,7 @@ def report(
     checks.text("title", title)
     said = {} if text is None else checks.by_label("text", text, "{'author': text}")
     for key, words in said.items():
-        if key not in TEXTS:
-            raise ValueError(f"text: expected some of {TEXTS}, got {key!r}")
+        checks.one_of("text", key, TEXTS)
         checks.text(f"text[{key!r}]", words)
     result = source
     tell: Callable[[], Reported | None] = getattr(source, "reported", lambda: None)
@@ -222,10 +221,9 @@ def _list_data(
     for part in measured:
         yield part.name, part.values
     for experiment, term, label in each_term(posterior) if posterior else ():
-        name = experiment.full_name(label)
         data = getattr(term, "measured", None)
         if data is not None and not term.observed:  # else it is among those above
-            yield name, getattr(data, "values", data)
+            yield experiment.full_name(label), getattr(data, "values", data)
 
 
 def _tabulate_measured(part: Measured, posterior: LogPosterior | None) -> Table:
