@@ -83,9 +83,9 @@ class FunctionModel:
         if n_modes is not None:
             if variables is not None:
                 raise TypeError("variables: expected them or n_modes, got both")
-            unknown = Variable({}, stored=False)  # whether there are shapes, and where
-            variables = modal_variables(checks.whole_number("n_modes", n_modes, 1))
-            variables |= {"shapes": unknown}
+            count = checks.whole_number("n_modes", n_modes, 1)
+            # Whether there are shapes, and where, is not known.
+            variables = modal_variables(count) | {"shapes": UNSTORED}
         elif variables is not None:
             by_name = checks.by_label("variables", variables, "a Variable")
             for name, variable in by_name.items():
@@ -112,7 +112,6 @@ class FunctionModel:
         """Call a function for each parameter set; stack its results and derivatives."""
         values, n = checks.batch(parameters)
         names, rows, tangents = [*values], list[Arrays](), list[Arrays]()
-        given = set[tuple[str, str]]()  # variables, and parameters that change them
         form = "what function returns, and {variable: {parameter: array}}"
         for i in range(n):
             row = {name: float(value[i]) for name, value in values.items()}
@@ -124,9 +123,6 @@ class FunctionModel:
                         result, slopes = checks.group("jacobian", result, form, 2)
                     rows.append(self._read(result))
                     tangents.append(gather_tangents("jacobian", rows[i], slopes, names))
-                    given |= {
-                        (v, name) for v, by_name in slopes.items() for name in by_name
-                    }
                 except TypeError as error:
                     error.add_note(f"the function is given one dict, of {names}")
                     raise
@@ -137,9 +133,7 @@ class FunctionModel:
         for name in dict.fromkeys(name for each in tangents for name in each):
             none = np.zeros((*first[name], len(names)))
             every = np.array([each.get(name, none) for each in tangents])
-            by_parameter = np.moveaxis(every, -1, 0)
-            pairs = zip(names, by_parameter, strict=True)
-            derivatives[name] = {p: x for p, x in pairs if (name, p) in given}
+            derivatives[name] = dict(zip(names, np.moveaxis(every, -1, 0), strict=True))
         if self._is_modal:
             modes = ModalSolution(response["frequency"], response.get("shapes"))
             return modes, derivatives
