@@ -1,7 +1,6 @@
 """Lumped masses joined by springs."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..contracts import Derivatives, Floats, ModalSolution, Parameters, show_declared
 from .inputs import Dofs
-from .matrix import MatrixModel
+from .matrix import AffineModel
 
 Spring: TypeAlias = tuple[int, int, float | str]
 Springs: TypeAlias = Mapping[str, Spring]
@@ -78,11 +77,9 @@ class MassSpringModel:
             K[leaders.get(name, name)] += np.outer(b, b)
         M = {name: np.diag(np.eye(n)[i]) for i, name in enumerate(self._masses)}
         M0 = np.diag(np.zeros(n) if named else self.masses)
-        self._model = MatrixModel(
-            np.zeros((n, n)), M0, K, M, n_modes=n - skip, skip=skip, shapes=shapes
-        )
-        self._model.coefficients = replace(
-            self._model.coefficients, positive="stiffness or mass"
+        modes, positive = range(1, n - skip + 1), "stiffness or mass"
+        self._model = AffineModel(
+            np.zeros((n, n)), M0, K, M, modes, skip, shapes, positive=positive
         )
         self.shape_dofs, self.variables = self._model.shape_dofs, self._model.variables
         self.dofs = self._model.dofs
