@@ -125,15 +125,12 @@ def deviations(
         value = [np.nan if number is None else number for number in value]
     sd = checks.numeric_array(argument, value)
     checks.shaped(argument, sd.shape, shape)
-    if partly:
-        there = ~np.isnan(sd)
-        if not there.any():
-            return None
-    if there is not None:
-        sd[~there] = np.nan
-    wrong = ~((sd > 0) & np.isfinite(sd)) & (True if there is None else there)
+    if there is None:
+        there = ~np.isnan(sd) if partly else np.ones(shape, dtype=bool)
+    sd[~there] = np.nan
+    wrong = there & ~((sd > 0) & np.isfinite(sd))
     _refuse(argument, sd, "finite numbers above zero", wrong)
-    return sd
+    return sd if there.any() else None
 
 
 def damping(value: ArrayLike | None, n_modes: int) -> Floats | None:
