@@ -101,10 +101,15 @@ class Experiment:
         """
         solved = self._respond(parameters, names, derivatives)
         response, tangents, directions, stored = solved
-        values = [
-            self._evaluate(term, name, parameters, response)
-            for term, name in zip(self.terms, self.term_names, strict=True)
-        ]
+        values = []
+        for term, name in zip(self.terms, self.term_names, strict=True):
+            value, label = term(parameters, response), self.full_name(name)
+            if type(value) is not np.ndarray or value.dtype != np.float64:
+                value = checks.numeric_array(f"terms ({label!r})", value)
+            # One number would do for all, unseen.
+            shape = parameters[names[0]].shape
+            checks.shaped(f"terms ({label!r})", value.shape, shape)
+            values.append(value)
         if directions is not None:
             values = self._average(parameters, response, directions, values)
         return Solved(self.terms, response, values, stored, tangents)
@@ -149,17 +154,6 @@ class Experiment:
                 f"{label}: it raised {error!r}, {', '.join(error.__notes__)}"
             ) from error
         return response, tangents, directions, stored
-
-    def _evaluate(
-        self, term: Term, name: str, parameters: Parameters, response: Response
-    ) -> Floats:
-        value = term(parameters, response)
-        label = f"terms ({self.full_name(name)!r})"
-        if type(value) is not np.ndarray or value.dtype != np.float64:
-            value = checks.numeric_array(label, value)
-        n = len(next(iter(parameters.values())))
-        checks.shaped(label, value.shape, (n,))  # one number would do for all, unseen
-        return value
 
     def _average(
         self,
