@@ -1,7 +1,7 @@
 """Evaluate a posterior, here or on workers: solves are counted, failures rejected."""
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -105,12 +105,11 @@ class Evaluation:
 
     def each(self, theta: Floats) -> Iterator[tuple[int, Floats]]:
         """Yield number and row of each point of ``theta (n, d)`` as it is solved."""
-        if self.pool is None:
-            for number in range(len(theta)):
-                yield number, self.solve(theta[number : number + 1], "rows")[0]
-            return
         requests: list[Request] = [("rows", point) for point in theta]
-        for number, result in self.pool.each(self.solver, requests):
+        results: Iterable[tuple[int, Result]] = enumerate(map(self.solver, requests))
+        if self.pool is not None:
+            results = self.pool.each(self.solver, requests)
+        for number, result in results:
             yield number, self._count(*self._side_by_side([result]))[0]
 
     def again(self, theta: Floats) -> Floats:
@@ -155,9 +154,8 @@ class Evaluation:
                 if not self.solver.returns(error, kind):
                     raise
         requests: list[Request] = [(kind, point) for point in theta]
-        if self.pool is None:
-            return self._side_by_side([*map(self.solver, requests)])
-        return self._side_by_side(self.pool.map(self.solver, requests))
+        each = map if self.pool is None else self.pool.map
+        return self._side_by_side([*each(self.solver, requests)])
 
     def _side_by_side(self, results: Sequence[Result]) -> tuple[Floats, Failures]:
         """Return results as an array, -inf and NaN where a solve failed, and why."""
