@@ -52,8 +52,8 @@ Spring: TypeAlias = tuple[int, int | None, Mapping[str, Property]]
 Term: TypeAlias = tuple[str, ...]  # the parameters whose product multiplies a matrix
 Scale: TypeAlias = tuple[float, Term]  # a number, times a product
 Indices: TypeAlias = NDArray[np.intp]
-# What is added to the matrix of each term: numbers of DOFs (m,), entries (m, m).
-Pieces: TypeAlias = dict[Term, list[tuple[Indices, Floats]]]
+# What is added to the matrix of each term: rows, columns and entries, (3, m) each.
+Pieces: TypeAlias = dict[Term, list[Floats]]
 
 
 @dataclass(frozen=True)
@@ -198,8 +198,8 @@ class FrameModel(AffineModel):
             raise ValueError(f"nodes: expected (n_nodes >= 2, 3), got {points.shape}")
         free = _find_free_dofs(len(points), supports)
         wanted = _choose_modes(n_modes, modes)
-        K: Pieces = {(): []}
-        M: Pieces = {(): []}
+        K: Pieces = {(): [np.empty((3, 0))]}
+        M: Pieces = {(): [np.empty((3, 0))]}
         bars = checks.sequence("elements", elements, "(node, node, section name)")
         used = _add_bars(K, M, points, bars, sections)
         used |= _add_masses(M, len(points), masses)
@@ -252,19 +252,16 @@ def _add(
     for factor, names in scales:
         number *= factor
         term += names
-    piece = dofs, number * (T.T @ matrix @ T)
+    entries = number * (T.T @ matrix @ T).ravel()
+    piece = np.array([np.repeat(dofs, len(dofs)), np.tile(dofs, len(dofs)), entries])
     pieces.setdefault(tuple(sorted(term)), []).append(piece)
 
 
-def _add_up(
-    pieces: list[tuple[Indices, Floats]], free: Indices, size: int
-) -> csc_array:
+def _add_up(pieces: list[Floats], free: Indices, size: int) -> csc_array:
     """Return the sum over the free DOFs."""
-    none = np.empty(0, dtype=np.intp)
-    rows = np.concatenate([none, *(np.repeat(own, len(own)) for own, _ in pieces)])
-    columns = np.concatenate([none, *(np.tile(own, len(own)) for own, _ in pieces)])
-    entries = np.concatenate([np.empty(0), *(block.ravel() for _, block in pieces)])
-    total = csc_array(coo_array((entries, (rows, columns)), shape=(size, size)))
+    *places, entries = np.hstack(pieces)
+    at = np.array(places, dtype=np.intp)
+    total = csc_array(coo_array((entries, at), shape=(size, size)))
     return csc_array(total[free][:, free])
 
 
