@@ -164,24 +164,19 @@ class EvaluationPool:
     ) -> Results:
         """Yield number and results of each part, as they come."""
         function = unwrap(function)
-        sent: object = function
-        key = payload = None
-        if not self.threads:
-            key, payload = self.ship(function)
-            sent = None
-        waiting = list(range(len(parts)))
+        key, payload = (None, function) if self.threads else self.ship(function)
+        waiting, sent = list(range(len(parts))), payload if self.threads else None
         while waiting:
             tasks = [(key, parts[i], sent, os.getpid()) for i in waiting]
-            missing = []
+            numbers, waiting, sent = waiting, [], payload
             for place, outcome in self._completed(tasks, payload):
                 if outcome.error is not None:
                     outcome.error.add_note(outcome.note)
                     raise outcome.error
                 if outcome.missing:
-                    missing.append(waiting[place])
+                    waiting.append(numbers[place])
                 else:
-                    yield waiting[place], outcome.values
-            waiting, sent = sorted(missing), payload
+                    yield numbers[place], outcome.values
 
     def _completed(self, tasks: list[Task], payload: object) -> Results:
         """Yield number and outcome of each task as it ends.
