@@ -142,12 +142,10 @@ class PairedModel:
         self._rows = _match_rows(declared, test)
         if declared is not None and "frequency" in declared:
             self._check_count(declared["frequency"].size)
-        dofs = test.dofs
-        labels = [None] * len(self._shapes) if dofs is None else dofs.tolist()
-        modal = modal_variables(n_modes, labels)
-        by_mode = Variable(modal["frequency"].coords)
-        paired = dict.fromkeys(("mac", "model_mode", "unpaired"), by_mode)
-        self.variables = modal | paired
+        labels = [None] * len(self._shapes) if test.dofs is None else test.dofs.tolist()
+        self.variables = modal_variables(n_modes, labels)
+        by_mode = Variable(self.variables["frequency"].coords)
+        self.variables |= dict.fromkeys(("mac", "model_mode", "unpaired"), by_mode)
         self.names = read_declared(model, "names")
         self.bounds = read_declared(model, "bounds")
         self.one_by_one = read_declared(model, "one_by_one")
@@ -235,9 +233,8 @@ class PairedModel:
         shared = np.full(frequencies.shape, -1)  # numbers of those that share a space
         projections = np.empty((0, *measured.shape))
         with np.errstate(invalid="ignore"):  # infinite ones, which LogPosterior refuses
-            close = (np.diff(frequencies) < self.min_gap * frequencies[:, :-1]).any(
-                axis=1
-            )
+            near = np.diff(frequencies) < self.min_gap * frequencies[:, :-1]
+        close = near.any(axis=1)
         if close.any():
             coupling = _couple_modes(frequencies[close], self.min_gap)
             at, mode = np.nonzero((coupling > 0).sum(axis=2) > 1)
@@ -360,8 +357,7 @@ def _match_rows(
         return None
     places = {dof: i for i, dof in enumerate(labels)}
     sensors = measurements.dofs.tolist()
-    missing = [dof for dof in sensors if dof not in places]
-    if missing:
+    if missing := [dof for dof in sensors if dof not in places]:
         raise ValueError(
             f"dofs: the measurements have sensors at {missing}, but the model has no "
             f"shapes there, only at {[*places][:8]}; ask it for shapes={sensors}"
