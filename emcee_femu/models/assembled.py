@@ -18,7 +18,7 @@ from ..contracts import (
     placed,
     show_declared,
 )
-from .eigen_dense import Eigenproblem, Wanted, join
+from .eigen_dense import Eigenproblem, Modes, Wanted, join
 from .eigen_sparse import DenseProblem, SparseEigenproblem
 from .inputs import Dofs, Matrix, choose_dofs, read_batch, read_matrix
 
@@ -142,9 +142,7 @@ class AssembledModel:
         small._output = V[list(self.shape_dofs)]
         return small
 
-    def _solve(
-        self, parameters: Parameters, by: tuple[str, ...]
-    ) -> tuple[ModalSolution, Derivatives]:
+    def _solve(self, parameters: Parameters, by: tuple[str, ...]) -> Modes:
         """Solve parameter sets one by one, with derivatives by some parameters."""
         values, n = read_batch(parameters, self.names)
         results = []
@@ -154,9 +152,7 @@ class AssembledModel:
                 results.append(self._solve_one(row, by))
         return join(results)
 
-    def _solve_one(
-        self, row: dict[str, float], by: tuple[str, ...]
-    ) -> tuple[ModalSolution, Derivatives]:
+    def _solve_one(self, row: dict[str, float], by: tuple[str, ...]) -> Modes:
         K, M = ([matrix] for matrix in self.matrices(row))
         for name in by:
             step = MATRIX_STEP * (abs(row[name]) or 1.0)
