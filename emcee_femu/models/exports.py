@@ -251,9 +251,9 @@ def _fit_powers(
                 ]
                 misfit = (np.array(off) - UNCHANGED) / np.maximum(wholes, UNCHANGED)
                 misfits.append((float(misfit.max()), powers, terms))
-        worst, powers, terms = min(misfits, key=lambda fit: fit[0] > CURVED)
+        # The fewest powers that fit, or what is nearest.
+        worst, powers, terms = min(misfits, key=lambda fit: max(fit[0], CURVED))
         if worst > CURVED:
-            worst, powers, _ = min(misfits, key=lambda fit: fit[0])
             nearest = " + ".join(f"c{p} x^{p}" for p in powers)
             raise ValueError(
                 f"{argument}: {part} is not a polynomial in this parameter, up to its "

@@ -221,11 +221,10 @@ class DensityModel:
                 f"{DENSITY}: expected a finite number at some of {len(points)} draws "
                 "of the prior, got none; narrow the prior to where it is finite"
             )
-        axes = {
-            name: {f"{name}_dim_{i}": range(size) for i, size in enumerate(blob.shape)}
-            for name, blob in row.items()
-        }
-        variables = {name: Variable(coords) for name, coords in axes.items()}
+        variables = {}
+        for name, blob in row.items():
+            dims = enumerate(blob.shape)
+            variables[name] = Variable({f"{name}_dim_{i}": range(n) for i, n in dims})
         return replace(self, variables=variables | {DENSITY: UNSTORED})
 
     @property
