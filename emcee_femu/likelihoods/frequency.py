@@ -8,14 +8,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..contracts import Floats, Parameters, Response, find, modal_variables, read
 from ..measurements import Measurements, modes
-from .term import (
-    MODEL_ERROR,
-    Deviations,
-    Term,
-    choose_error,
-    doubt_percent,
-    error_array,
-)
+from .term import MODEL_ERROR, Deviations, Term, choose_error, error_array
 
 # Log-likelihood that an unpaired mode costs: as much as four standard deviations.
 UNPAIRED = 8.0
@@ -145,7 +138,7 @@ class FrequencyTerm(Term):
             if error == "sd":
                 numbers = numbers / self.measured
             if error != "beta":
-                doubt_percent(error, numbers)
+                modes.doubt_percent(error, numbers, modes.LARGE_ERROR)
             self.beta[:] = numbers if error == "beta" else numbers**-2
             self.beta[unknown] = np.inf  # the discrepancy is all of their error
         self.stated_sd = self.beta**-0.5

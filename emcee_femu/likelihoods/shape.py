@@ -10,15 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 from ..contracts import Floats, PairedSolution, Parameters, Response, Variable, read
 from ..measurements import Measurements
+from ..measurements.modes import doubt_percent
 from ..models.paired import at_sensors
-from .term import (
-    MOST_RELATIVE,
-    Deviations,
-    Term,
-    doubt_percent,
-    error_array,
-    log_normal,
-)
+from .term import MOST_RELATIVE, Deviations, Term, error_array, log_normal
 
 # In words and as a formula in HTML, for reports, with the symbol of its error.
 BY_SENSOR = (

@@ -10,7 +10,6 @@ of the response, ``(n, *shape, d)``, and of each parameter, ``(n, d)``, in d dir
 They cost evaluations of the term but no solve.
 """
 
-import warnings
 from collections.abc import Callable, Mapping
 from copy import copy
 from typing import TypeAlias, TypeVar
@@ -41,7 +40,6 @@ LEAST_SD = 1e-160
 # lognorm(1, scale=0.005) leaves standard deviations unknown where data are few.
 ERROR_PRIOR = "(0.001, 0.05)"
 MOST_RELATIVE = 0.5  # of a standard deviation; more is one in percent
-LARGE_ERROR_PRIOR = 0.1  # the same, where it may be
 RESPONSE_STEP = 6e-6  # relative change of a response, where no solve adds noise
 MODEL_ERROR = "σ<sub>d</sub>"  # as reports write the error that a discrepancy infers
 
@@ -267,19 +265,6 @@ def error_array(argument: str, value: ArrayLike, *shapes: tuple[int, ...]) -> Fl
         got = f"got {numbers.max():g}; 0.02 is 2 %"
         raise ValueError(f"{argument}: expected at most {MOST_RELATIVE}, {got}")
     return numbers
-
-
-def doubt_percent(
-    argument: str, relative: Floats, large: float = LARGE_ERROR_PRIOR
-) -> None:
-    """Warn about relative standard deviations that may have been given in percent."""
-    if (largest := relative.max()) > large:
-        instead = "relative_sd" if argument == "sd" else argument
-        warnings.warn(
-            f"{argument}: expected at most {large:g} of what was measured, got "
-            f"{largest:.3g}, which is {100 * largest:.3g} %; 1 % is {instead}=0.01",
-            stacklevel=3,
-        )
 
 
 def log_normal(r: Floats, sd: Floats) -> Floats:

@@ -130,7 +130,10 @@ class Measurements(Report):
         self.dofs, signs = modes.dofs(dofs, self.n_sensors)
         if self.shapes is not None:
             self.shapes *= signs[:, None]
-        self.damping = modes.damping(damping, n_modes)
+        self.damping = modes.deviations("damping", damping, (n_modes,), partly=True)
+        if self.damping is not None:
+            critical = modes.LARGE_DAMPING, "the critical one"
+            modes.doubt_percent("damping", self.damping, *critical)
         self.damping_sd = modes.deviations(
             "damping_sd", damping_sd, (n_modes,), partly=True
         )
