@@ -137,7 +137,12 @@ class PairedModel:
         self.min_mac = checks.real_number("min_mac", min_mac, 0.0, 1.0)
         self.min_gap = checks.real_number("min_gap", min_gap, 0.0)
         size = np.sqrt(np.nansum(test.shapes**2, axis=0))
-        self._shapes = test.shapes / size
+        self._shapes = np.nan_to_num(test.shapes / size)
+        # The modes that share their sensors are compared at these.
+        there = ~np.isnan(test.shapes)
+        sensors, of_mode = np.unique(there, axis=1, return_inverse=True)
+        groups = enumerate(sensors.T[:, :, None])
+        self._alike = [(each, np.flatnonzero(of_mode == i)) for i, each in groups]
         declared = read_declared(model, "variables")
         self._rows = _match_rows(declared, test)
         if declared is not None and "frequency" in declared:
@@ -219,15 +224,9 @@ class PairedModel:
             The candidate of each measured mode, 0 = the lowest, ``(n, p)``;
             frequencies, shapes and MAC in that order.
         """
-        there = ~np.isnan(self._shapes)
-        measured = np.where(there, self._shapes, 0.0)
-        # The modes that share their sensors are compared at these.
-        groups: dict[bytes, list[int]] = {}
-        for i, column in enumerate(there.T):
-            groups.setdefault(column.tobytes(), []).append(i)
-        alike = [(there[:, modes[:1]], modes) for modes in groups.values()]
+        measured = self._shapes
         mac = np.empty((len(shapes), measured.shape[1], shapes.shape[2]))  # (n, p, q)
-        for sensors, modes in alike:
+        for sensors, modes in self._alike:
             mac[:, modes] = (measured[:, modes].T @ _scale(shapes * sensors)) ** 2
         score = mac.copy()
         shared = np.full(frequencies.shape, -1)  # numbers of those that share a space
@@ -241,7 +240,7 @@ class PairedModel:
             row = np.flatnonzero(close)[at]
             shared[row, mode] = np.arange(len(row))
             projections = np.empty((len(row), *measured.shape))
-            for sensors, modes in alike:
+            for sensors, modes in self._alike:
                 unit, weights = _scale(shapes[row] * sensors), coupling[at, mode]
                 spanned, projected = _widen(measured[:, modes], unit, weights)
                 mac[row[:, None], modes, mode[:, None]] = spanned
