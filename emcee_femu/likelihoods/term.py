@@ -350,12 +350,11 @@ def _replace(response: Response, shifted: Batch, n: int, times: int) -> Response
         return {k: move(k, v) for k, v in response.items()} | dict(shifted)
     if "frequency" in shifted:  # the field of modal solutions
         shifted = {**shifted, "frequencies": shifted["frequency"]}
-    if isinstance(response, tuple):
-        fields = response._asdict()  # type: ignore[attr-defined]
-        return response._replace(  # type: ignore[attr-defined]
-            **{name: move(name, value) for name, value in fields.items()}
-        )
+    named = isinstance(response, tuple)
+    fields = response._asdict() if named else vars(response)
+    moved = {name: move(name, value) for name, value in fields.items()}
+    if named:
+        return response._replace(**moved)
     other = copy(response)
-    for name, value in vars(response).items():
-        object.__setattr__(other, name, move(name, value))
+    vars(other).update(moved)  # of a frozen one, too
     return other

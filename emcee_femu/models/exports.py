@@ -91,9 +91,8 @@ class Matrices(Report):
         mass that you expect.
         """
         axes = [label.rpartition(":")[2] for label in self.labels]
-        there = [axis for axis in DOF_DIRECTIONS[:3] if axis in axes]
-        moves = {axis: np.equal(axes, axis).astype(float) for axis in there}
-        return {axis: float(x @ self.M @ x) for axis, x in moves.items()}
+        moves = {x: np.equal(axes, x) * 1.0 for x in DOF_DIRECTIONS[:3] if x in axes}
+        return {axis: float(r @ self.M @ r) for axis, r in moves.items()}
 
     def dofs(self, names: str | Sequence[str] | NDArray[np.str_]) -> Any:
         """Return the row of a DOF, or the rows of several as an array, in their order.

@@ -291,8 +291,7 @@ def _add_bars(
         label = f"elements[{e}]"
         entry = checks.group(label, element, form, 3, 4)
         *ends, name, offsets = (*entry, (None, None))[:4]
-        for node in ends:
-            _check_node(label, node, len(points))
+        _check_nodes(label, ends, len(points))
         if name not in sections:
             raise ValueError(
                 f"{label}: no section {name!r}; sections are {sorted(sections)}"
@@ -324,7 +323,7 @@ def _add_masses(M: Pieces, n_nodes: int, masses: Sequence[Mass]) -> set[int]:
         label = f"masses[{i}]"
         entry = checks.group(label, given, form, 2, 3, 4)
         node, mass, offset, inertia = (*entry, None, None)[:4]
-        _check_node(label, node, n_nodes)
+        _check_nodes(label, [node], n_nodes)
         used.add(node)
         T = rigid_arm(_read_offset(label, offset))
         moved = np.diag(units[:3].sum(axis=0))
@@ -345,8 +344,7 @@ def _add_springs(K: Pieces, points: Floats, springs: Sequence[Spring]) -> set[in
         label = f"springs[{s}]"
         first, second, by_direction = checks.group(label, given, form, 3)
         ends = [first] if second is None else [first, second]
-        for node in ends:
-            _check_node(label, node, len(points))
+        _check_nodes(label, ends, len(points))
         if first == second:
             raise ValueError(f"{label}: both ends are node {first}")
         used |= {*ends}
@@ -437,7 +435,7 @@ def _find_free_dofs(
     checks.mapping("supports", supports, "{node: held DOFs}")
     free = np.ones((n_nodes, 6), dtype=bool)
     for node, held in supports.items():
-        _check_node("supports", node, n_nodes)
+        _check_nodes("supports", [node], n_nodes)
         names = DOFS if held == "all" else (held,) if isinstance(held, str) else held
         for dof in checks.sequence(f"supports[{node}]", names, "DOFs"):
             if dof not in DOFS:
@@ -451,9 +449,10 @@ def _find_free_dofs(
     return np.flatnonzero(free)
 
 
-def _check_node(label: str, node: int, n_nodes: int) -> None:
-    if checks.whole_number(label, node) >= n_nodes:
-        raise ValueError(f"{label}: no node {node}; nodes are 0 to {n_nodes - 1}")
+def _check_nodes(label: str, nodes: Iterable[int], n_nodes: int) -> None:
+    for node in nodes:
+        if checks.whole_number(label, node) >= n_nodes:
+            raise ValueError(f"{label}: no node {node}; nodes are 0 to {n_nodes - 1}")
 
 
 def _choose_modes(n_modes: int | None, modes: Sequence[int] | None) -> tuple[int, ...]:
