@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -201,11 +202,8 @@ class Evaluation:
                 stacked[failed, :width] = self.solve(theta[failed], "rows")
                 failed &= stacked[:, 0] > -np.inf
         if failed.any():
+            around = partial(self.solve, kind="deviations")
             stacked[failed] = difference(
-                self.posterior,
-                theta[failed],
-                lambda points: self.solve(points, "deviations"),
-                information,
-                searching=True,
+                self.posterior, theta[failed], around, information, searching=True
             )
         return stacked
