@@ -222,12 +222,9 @@ def combine_one(terms: Floats, coefficients: Floats) -> Floats:
 def join(results: Sequence[Modes]) -> Modes:
     """Return the results of parameter sets that were solved one after another."""
     solutions, slopes = zip(*results, strict=True)
-    shapes = [each.shapes for each in solutions if each.shapes is not None]
-    whole = ModalSolution(
-        np.concatenate([each.frequencies for each in solutions]),
-        np.concatenate(shapes) if shapes else None,
-    )
-    return whole, {
+    fields = zip(*solutions, strict=True)
+    whole = (None if one[0] is None else np.concatenate(one) for one in fields)
+    return ModalSolution._make(whole), {
         variable: {
             name: np.concatenate([each[variable][name] for each in slopes])
             for name in by

@@ -69,13 +69,13 @@ class MassSpringModel:
         self.springs = checks.by_label("springs", springs, "(node, node, stiffness)")
         if named:
             checks.parameter_names("masses", [*named, *springs])
-        self._masses = dict(zip(named, self.masses.tolist(), strict=False))
-        self._stiffnesses, leaders = _read_stiffnesses(self.springs)
-        K = {name: np.zeros((n, n)) for name in self._stiffnesses}
+        stiffnesses, leaders = _read_stiffnesses(self.springs)
+        K = {name: np.zeros((n, n)) for name in stiffnesses}
         for name, (first, second, _) in springs.items():
             b = _incidence(name, first, second, n)
             K[leaders.get(name, name)] += np.outer(b, b)
-        M = {name: np.diag(np.eye(n)[i]) for i, name in enumerate(self._masses)}
+        M = {name: np.diag(np.eye(n)[i]) for i, name in enumerate(named)}
+        self._defaults = stiffnesses | named
         M0 = np.diag(np.zeros(n) if named else self.masses)
         modes, positive = range(1, n - skip + 1), "stiffness or mass"
         self._model = AffineModel(
@@ -111,11 +111,8 @@ class MassSpringModel:
     def _complete(self, parameters: Parameters) -> Parameters:
         """Return the values of all springs and masses, or their defaults."""
         values, n = checks.batch(parameters)
-        defaults = self._stiffnesses | self._masses
-        return {
-            name: values[name] if name in values else np.full(n, value)
-            for name, value in defaults.items()
-        }
+        defaults = {name: np.full(n, float(x)) for name, x in self._defaults.items()}
+        return {**defaults, **values}
 
 
 def _read_stiffnesses(springs: Springs) -> tuple[dict[str, float], dict[str, str]]:
