@@ -75,7 +75,8 @@ class MassSpringModel:
             b = _incidence(name, first, second, n)
             K[leaders.get(name, name)] += np.outer(b, b)
         M = {name: np.diag(np.eye(n)[i]) for i, name in enumerate(named)}
-        self._defaults = stiffnesses | named
+        mass_of = dict(zip(named, self.masses.tolist(), strict=False))
+        self._defaults = stiffnesses | mass_of
         M0 = np.diag(np.zeros(n) if named else self.masses)
         modes, positive = range(1, n - skip + 1), "stiffness or mass"
         self._model = AffineModel(
@@ -111,8 +112,8 @@ class MassSpringModel:
     def _complete(self, parameters: Parameters) -> Parameters:
         """Return the values of all springs and masses, or their defaults."""
         values, n = checks.batch(parameters)
-        defaults = {name: np.full(n, float(x)) for name, x in self._defaults.items()}
-        return {**defaults, **values}
+        rest = {k: np.full(n, x) for k, x in self._defaults.items() if k not in values}
+        return {**values, **rest}
 
 
 def _read_stiffnesses(springs: Springs) -> tuple[dict[str, float], dict[str, str]]:
