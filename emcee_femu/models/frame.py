@@ -201,12 +201,13 @@ class FrameModel(AffineModel):
         K: Pieces = {(): [np.empty((3, 0))]}
         M: Pieces = {(): [np.empty((3, 0))]}
         bars = checks.sequence("elements", elements, "(node, node, section name)")
-        used = _add_bars(K, M, points, bars, sections)
-        used |= _add_masses(M, len(points), masses)
-        used |= _add_springs(K, points, springs)
-        alone = {*range(len(points))} - used
-        if alone:
-            raise ValueError(f"nodes: nothing is fixed to {sorted(alone)}")
+        _add_bars(K, M, points, bars, sections)
+        _add_masses(M, len(points), masses)
+        _add_springs(K, points, springs)
+        rows = [piece[0] for part in (K, M) for each in part.values() for piece in each]
+        joined = {*(np.concatenate(rows) // 6).tolist()}
+        if alone := sorted({*range(len(points))} - joined):
+            raise ValueError(f"nodes: nothing is fixed to {alone}")
         in_K, in_M = (
             {term: _add_up(each, free, 6 * len(points)) for term, each in part.items()}
             for part in (K, M)
@@ -279,14 +280,13 @@ def _add_bars(
     points: Floats,
     elements: Sequence[Element],
     sections: Mapping[str, Section],
-) -> set[int]:
-    """Add the bars, checked, and return the nodes that they join."""
+) -> None:
+    """Add the bars, checked."""
     for name, section in checks.by_label("sections", sections, "a Section").items():
         checks.instance(f"sections[{name!r}]", section, Section)
     form = "(node, node, section name) or (node, node, section name, (offset, offset))"
     if not elements:
         raise TypeError(f"elements: expected at least one {form}, got none")
-    used, taken = set[int](), set[str]()
     for e, element in enumerate(elements):
         label = f"elements[{e}]"
         entry = checks.group(label, element, form, 3, 4)
@@ -296,8 +296,6 @@ def _add_bars(
             raise ValueError(
                 f"{label}: no section {name!r}; sections are {sorted(sections)}"
             )
-        used |= {*ends}
-        taken.add(name)
         pair = checks.group(label, offsets, "(offset, offset)", 2)
         arms = [_read_offset(label, offset) for offset in pair]
         section, T = sections[name], np.zeros((12, 12))
@@ -310,21 +308,19 @@ def _add_bars(
         for part, matrices in zip((K, M), element_matrices(length, polar), strict=True):
             for product, matrix in matrices.items():
                 _add(part, [read[key] for key in product], _dofs(*ends), T, matrix)
-    if {*sections} - taken:
-        raise ValueError(f"sections: no element uses {sorted({*sections} - taken)}")
-    return used
+    if unused := sorted({*sections} - {name for _, _, name, *_ in elements}):
+        raise ValueError(f"sections: no element uses {unused}")
 
 
-def _add_masses(M: Pieces, n_nodes: int, masses: Sequence[Mass]) -> set[int]:
-    """Add the point masses, checked, and return the nodes that carry them."""
+def _add_masses(M: Pieces, n_nodes: int, masses: Sequence[Mass]) -> None:
+    """Add the point masses, checked."""
     form = "(node, mass), (node, mass, offset) or (node, mass, offset, inertia)"
-    units, used = np.eye(6), set[int]()
+    units = np.eye(6)
     for i, given in enumerate(checks.sequence("masses", masses, form)):
         label = f"masses[{i}]"
         entry = checks.group(label, given, form, 2, 3, 4)
         node, mass, offset, inertia = (*entry, None, None)[:4]
         _check_nodes(label, [node], n_nodes)
-        used.add(node)
         T = rigid_arm(_read_offset(label, offset))
         moved = np.diag(units[:3].sum(axis=0))
         _add(M, [_read_property(label, mass)], _dofs(node), T, moved)
@@ -333,13 +329,11 @@ def _add_masses(M: Pieces, n_nodes: int, masses: Sequence[Mass]) -> set[int]:
             if isinstance(moment, str | tuple) or moment != 0:
                 turned = np.diag(units[3 + axis])
                 _add(M, [_read_property(label, moment)], _dofs(node), T, turned)
-    return used
 
 
-def _add_springs(K: Pieces, points: Floats, springs: Sequence[Spring]) -> set[int]:
-    """Add the springs, checked, and return the nodes that they join."""
+def _add_springs(K: Pieces, points: Floats, springs: Sequence[Spring]) -> None:
+    """Add the springs, checked."""
     form = "(node, node or None, {direction: stiffness})"
-    used = set[int]()
     for s, given in enumerate(checks.sequence("springs", springs, form)):
         label = f"springs[{s}]"
         first, second, by_direction = checks.group(label, given, form, 3)
@@ -347,13 +341,11 @@ def _add_springs(K: Pieces, points: Floats, springs: Sequence[Spring]) -> set[in
         _check_nodes(label, ends, len(points))
         if first == second:
             raise ValueError(f"{label}: both ends are node {first}")
-        used |= {*ends}
         apart = [rigid_arm(points[first] - points[node]) for node in ends]
         T = np.hstack([apart[0], *(-arm for arm in apart[1:])])
         for direction, stiffness in checks.by_name(label, by_direction, DOFS).items():
             axis = np.diag(np.eye(6)[DOFS.index(direction)])
             _add(K, [_read_property(label, stiffness)], _dofs(*ends), T, axis)
-    return used
 
 
 def _read_offset(label: str, value: ArrayLike | None) -> Floats:
