@@ -111,7 +111,7 @@ class FrequencyTerm(Term):
         if isinstance(measured, Measurements):
             if all(value is None for value in errors.values()):
                 errors["covariance"] = measured.covariance
-                if measured.covariance is None and measured.sd is not None:
+                if measured.sd is not None:  # there is no covariance then
                     unknown = np.flatnonzero(np.isnan(measured.sd))
                     least = np.nanmin(measured.sd)
                     errors["sd"] = np.where(np.isnan(measured.sd), least, measured.sd)
@@ -175,7 +175,6 @@ class FrequencyTerm(Term):
 def _principal_axes(covariance: ArrayLike, hertz: Floats) -> tuple[Floats, Floats]:
     """Return precisions of relative errors along axes where they are independent."""
     C = modes.covariance(covariance, len(hertz))
-    assert C is not None
     variances, axes = np.linalg.eigh(C / np.outer(hertz, hertz))
     if not variances[0] > 1e-12 * variances[-1]:
         raise ValueError(

@@ -99,9 +99,8 @@ class ShapeTerm(Term):
             if measured.shapes is None:
                 raise ValueError("measured: these measurements have no shapes")
             if delta is None and discrepancy is None and sd is None:
-                sd = measured.shape_sd
-                if sd is not None:  # that of a missing sensor is not used
-                    sd = np.where(np.isnan(sd), 1.0, sd)
+                if measured.shape_sd is not None:  # that of a missing sensor is unused
+                    sd = np.nan_to_num(measured.shape_sd, nan=1.0)
             self._dofs, measured = measured.dofs, measured.shapes
         shapes = checks.numeric_array("measured", measured)
         self._there = there = ~np.isnan(shapes)

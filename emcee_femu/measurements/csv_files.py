@@ -104,8 +104,7 @@ def read_csv(path: Path) -> Fields:
         if field in PARTLY and not cut:
             cells[3:] = [cell or "nan" for cell in cells[3:]]
         numbers = _read_numbers(place, titles, cells, field)
-        numbers = [number * factor for number in numbers]
-        fields.setdefault(field, []).append(numbers)
+        fields.setdefault(field, []).append([number * factor for number in numbers])
         if field in PER_SENSOR:
             sensors[field].append(sensor)
         elif field != "covariance" and len(fields[field]) > 1:

@@ -147,10 +147,8 @@ def doubt_percent(
         )
 
 
-def covariance(value: ArrayLike | None, n_modes: int) -> Floats | None:
-    """Return a symmetric positive definite ``(n_modes, n_modes)``; None for None."""
-    if value is None:
-        return None
+def covariance(value: ArrayLike, n_modes: int) -> Floats:
+    """Return a symmetric positive definite ``(n_modes, n_modes)``."""
     matrix = checks.shaped_array("covariance", value, (n_modes, n_modes))
     deviations("covariance (diagonal)", np.diag(matrix), (n_modes,))
     checks.covariance_factor("covariance", matrix)

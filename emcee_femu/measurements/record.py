@@ -123,7 +123,9 @@ class Measurements(Report):
             self.phase_collinearity = modes.phase_collinearity(raw, phase_collinearity)
             modes.warn_about_complex(self.phase_collinearity)
         self.sd = modes.deviations("sd", sd, (n_modes,), partly=True)
-        self.covariance = modes.covariance(covariance, n_modes)
+        self.covariance = None
+        if covariance is not None:
+            self.covariance = modes.covariance(covariance, n_modes)
         shape = self.n_sensors, n_modes
         self.shape_sd = modes.deviations("shape_sd", shape_sd, shape, there)
         self.sensors = modes.labels(sensors, self.n_sensors)
