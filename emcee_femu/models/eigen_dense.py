@@ -183,17 +183,12 @@ class Eigenproblem:
         clusters = np.zeros(eigenvalues.shape, dtype=np.intp)
         clusters[:, 1:] = np.cumsum(np.diff(eigenvalues) > least, axis=1)
         together = np.equal(clusters[:, :, None], clusters[:, None, self.selected])
+        units = [*self.K[1:], *self.M[1:]]
         for row, column in np.argwhere(together.sum(axis=1) > 1).tolist():
             members = np.flatnonzero(together[row, :, column])
-            first = int(members[0])
-            refuse_parting(
-                shapes[row][:, members],
-                float(eigenvalues[row, first]),
-                first - self.skip + 1,
-                [*self.K[1:], *self.M[1:]],
-                at_row(slopes, row),
-                describe(row),
-            )
+            phi, value = shapes[row][:, members], float(eigenvalues[row, members[0]])
+            first, at = int(members[0]) - self.skip + 1, at_row(slopes, row)
+            refuse_parting(phi, value, first, units, at, describe(row))
         return np.asarray(together)
 
 

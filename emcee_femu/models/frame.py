@@ -217,17 +217,9 @@ class FrameModel(AffineModel):
             in_K, in_M = (
                 {term: A.toarray() for term, A in part.items()} for part in (in_K, in_M)
             )
-        super().__init__(
-            in_K.pop(()),
-            in_M.pop(()),
-            _label(in_K),
-            _label(in_M),
-            wanted,
-            skip,
-            shapes,
-            tuple(f"{i // 6}:{DOFS[i % 6]}" for i in free.tolist()),
-            positive="property",
-        )
+        dofs = tuple(f"{i // 6}:{DOFS[i % 6]}" for i in free.tolist())
+        constant, units = (in_K.pop(()), in_M.pop(())), (_label(in_K), _label(in_M))
+        super().__init__(*constant, *units, wanted, skip, shapes, dofs, "property")
         self.sections = dict(sections)
         self.bounds = dict.fromkeys(self.names, (0.0, np.inf))
         lines = [(first, second) for first, second, *_ in bars]

@@ -76,9 +76,8 @@ class FunctionModel:
         *,
         jacobian: Function | None = None,
     ) -> None:
-        slopes = function if jacobian is None else jacobian
-        for label, call in (("function", function), ("jacobian", slopes)):
-            checks.function(label, call)
+        checks.function("function", function)
+        checks.function("jacobian", function if jacobian is None else jacobian)
         self._is_modal = variables is None
         if n_modes is not None:
             if variables is not None:

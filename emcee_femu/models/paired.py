@@ -451,9 +451,8 @@ def _widen(measured: Floats, unit: Floats, weights: Floats) -> tuple[Floats, Flo
         for earlier in axes * 2:  # Gram-Schmidt, twice for accuracy
             axis = axis - earlier * (earlier * axis).sum(axis=1, keepdims=True)
         length = np.linalg.norm(axis, axis=1, keepdims=True)
-        axis = axis * np.where(
-            length > CLUSTER_DEPENDENT, 1 / np.maximum(length, CLUSTER_DEPENDENT), 0
-        )
+        unlike = length > CLUSTER_DEPENDENT
+        axis = axis * unlike / np.where(unlike, length, 1.0)
         axes.append(axis)
         weight, t = weights[row, place][:, None], axis @ measured
         first += weight * t**2
