@@ -9,12 +9,7 @@ import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import (
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    as_completed,
-)
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from importlib import import_module
 from itertools import count
@@ -189,16 +184,17 @@ class EvaluationPool:
                 yield from enumerate(self._executor.map(evaluate, tasks))
                 return
             submit = self._executor.submit
-            again: dict[Future[Outcome], int] = {}
-            begun = {submit(evaluate, task): i for i, task in enumerate(tasks)}
-            for places in (begun, again):
-                for future in as_completed(places):
-                    place, outcome = places[future], future.result()
+            running = {submit(evaluate, task): i for i, task in enumerate(tasks)}
+            while running:
+                again = {}
+                for future in as_completed(running):
+                    place, outcome = running[future], future.result()
                     if outcome.missing:
                         key, points, _, home = tasks[place]
                         again[submit(evaluate, (key, points, payload, home))] = place
                     else:
                         yield place, outcome
+                running = again
         except Exception as error:  # of the executor: an outcome carries the function's
             raise RuntimeError(
                 f"pool: {type(self._executor).__name__} could not do its work: a "
