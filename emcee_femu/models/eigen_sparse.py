@@ -195,8 +195,7 @@ class SparseEigenproblem:
                         + f"; ask for n_modes={last + 1}"
                         * (last == len(eigenvalues))
                     )
-                turn = x[:, dofs] - 0.5 * phi[dofs] @ (phi.T @ inertia)
-                turns[:, :, cluster] = turn
+                turns[:, :, cluster] = x[:, dofs] - 0.5 * phi[dofs] @ (phi.T @ inertia)
         return changes, turns
 
 
