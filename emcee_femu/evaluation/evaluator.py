@@ -161,16 +161,14 @@ class Evaluation:
     def _side_by_side(self, results: Sequence[Result]) -> tuple[Floats, Failures]:
         """Return results as an array, -inf and NaN where a solve failed, and why."""
         rejected, failures = self.posterior.rejected(), Failures()
-        rows = [rejected]
+        width = max(map(len, [rejected, *results]))  # a failure is never the longest
+        stacked = np.full((len(results), width), np.nan)
         for number, result in enumerate(results):
             if isinstance(result, Failure):
                 failures[number] = result
                 result = rejected
-            rows.append(result)
-        stacked = np.full((len(rows), max(map(len, rows))), np.nan)
-        for place, row in zip(stacked, rows, strict=True):
-            place[: len(row)] = row
-        return stacked[1:], failures
+            stacked[number, : len(result)] = result
+        return stacked, failures
 
     def _count(self, stacked: Floats, failures: Failures) -> Floats:
         """Count solves and failures, and return the results."""

@@ -73,12 +73,12 @@ class Geometry:
             label = f"sensors[{dof!r}]"
             node, along = checks.group(label, sensor, "(node, direction)", 2)
             self._check_nodes(label, [node])
-            if isinstance(along, str) and along not in UNIT_AXES:
+            axis = UNIT_AXES.get(along) if isinstance(along, str) else along
+            if axis is None:
                 raise ValueError(
                     f"{label}: expected a direction out of {' '.join(UNIT_AXES)} "
                     f"or a vector, got {along!r}"
                 )
-            axis = UNIT_AXES[along] if isinstance(along, str) else along
             vector = checks.shaped_array(label, axis, (3,))
             if not vector.any():
                 raise ValueError(f"{label}: expected a vector that is not zero")

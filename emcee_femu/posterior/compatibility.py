@@ -54,7 +54,7 @@ def check_parameters(
             remedy = f"; add {missing[0]!r}: {ERROR_PRIOR}, or its own range"
             raise ValueError(
                 f"prior: no parameter {missing}, which {type(reader).__name__} needs; "
-                f"there are {[*prior.names]}{remedy * isinstance(reader, Term)}"
+                f"there are {[*prior.names]}{remedy * (reader in terms)}"
             )
         read |= {*names, *bounds}
         for name in bounds.keys() & {*prior.names}:
