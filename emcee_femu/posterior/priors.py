@@ -101,8 +101,7 @@ class GaussianPrior(KnownPrior):
         nearest = np.clip(0.0, low, high)  # the densest point of the cut Gaussian
         peak = stats.truncnorm.logpdf(nearest, low, high) - np.log(sd)
         self._log_constant = float((peak + 0.5 * nearest**2).sum())
-        moments = zip(self.names, mean, sd, strict=True)
-        self.marginals = {name: stats.norm(*pair) for name, *pair in moments}
+        self.marginals = dict(zip(self.names, map(stats.norm, mean, sd), strict=True))
 
     def logpdf(self, theta: Floats) -> Floats:
         """Return the log density ``(n,)`` of ``theta (n, d)``, -inf out of bounds."""
