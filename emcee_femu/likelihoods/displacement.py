@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..contracts import Floats, Parameters, Response, Variable, read
-from ..measurements.modes import LARGE_ERROR, along_axis, doubt_percent
+from ..measurements.modes import LARGE_ERROR_PRIOR, along_axis, doubt_percent
 from .term import MODEL_ERROR, Deviations, Term, choose_error, error_array
 
 
@@ -86,7 +86,7 @@ class DisplacementTerm(Term):
         if error:
             numbers = error_array(error, value, u.shape[1:], u.shape)
             if error == "relative_sd":
-                doubt_percent(error, numbers, LARGE_ERROR)
+                doubt_percent(error, numbers, LARGE_ERROR_PRIOR)
             self.sd += numbers * (np.abs(u) if error == "relative_sd" else 1.0)
         if not (self.sd > 0).all() and (error or not u.all()):
             raise ValueError("measured: zero has no relative error; give sd")

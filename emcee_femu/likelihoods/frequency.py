@@ -138,7 +138,7 @@ class FrequencyTerm(Term):
             if error == "sd":
                 numbers = numbers / self.measured
             if error != "beta":
-                modes.doubt_percent(error, numbers, modes.LARGE_ERROR)
+                modes.doubt_percent(error, numbers, modes.LARGE_ERROR_PRIOR)
             self.beta[:] = numbers if error == "beta" else numbers**-2
             self.beta[unknown] = np.inf  # the discrepancy is all of their error
         self.stated_sd = self.beta**-0.5

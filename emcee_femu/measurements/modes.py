@@ -15,7 +15,7 @@ from ..contracts import Floats
 SAME_FREQUENCY, SAME_MAC = 1e-3, 0.99
 COLLINEAR = 0.9  # below it a real shape is a poor picture of the mode
 LARGE_DAMPING = 0.2  # of structures, but for dampers; 0.2 is also a usual percentage
-LARGE_ERROR = 0.1  # a relative standard deviation that may be in percent
+LARGE_ERROR_PRIOR = 0.1  # a relative standard deviation that may be in percent
 SIGNED = re.compile(r"(.+:)([-+])(u?[xyz]|r[xyz])")  # a DOF such as "2:-ux"
 OTHER_MODE = 0.5  # a shape with a smaller MAC with the mean belongs to another mode
 Shapes = NDArray[np.float64] | NDArray[np.complex128]
