@@ -1,8 +1,9 @@
 """Evaluate a posterior, here or on workers: solves are counted, failures rejected."""
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -105,12 +106,11 @@ class Evaluation:
 
     def each(self, theta: Floats) -> Iterator[tuple[int, Floats]]:
         """Yield number and row of each point of ``theta (n, d)`` as it is solved."""
-        if self.pool is None:
-            for number in range(len(theta)):
-                yield number, self.solve(theta[number : number + 1], "rows")[0]
-            return
         requests: list[Request] = [("rows", point) for point in theta]
-        for number, result in self.pool.each(self.solver, requests):
+        results: Iterable[tuple[int, Result]] = enumerate(map(self.solver, requests))
+        if self.pool is not None:
+            results = self.pool.each(self.solver, requests)
+        for number, result in results:
             yield number, self._count(*self._side_by_side([result]))[0]
 
     def again(self, theta: Floats) -> Floats:
@@ -155,23 +155,20 @@ class Evaluation:
                 if not self.solver.returns(error, kind):
                     raise
         requests: list[Request] = [(kind, point) for point in theta]
-        if self.pool is None:
-            return self._side_by_side([*map(self.solver, requests)])
-        return self._side_by_side(self.pool.map(self.solver, requests))
+        each = map if self.pool is None else self.pool.map
+        return self._side_by_side([*each(self.solver, requests)])
 
     def _side_by_side(self, results: Sequence[Result]) -> tuple[Floats, Failures]:
         """Return results as an array, -inf and NaN where a solve failed, and why."""
         rejected, failures = self.posterior.rejected(), Failures()
-        rows = [rejected]
+        width = max(map(len, [rejected, *results]))  # a failure is never the longest
+        stacked = np.full((len(results), width), np.nan)
         for number, result in enumerate(results):
             if isinstance(result, Failure):
                 failures[number] = result
                 result = rejected
-            rows.append(result)
-        stacked = np.full((len(rows), max(map(len, rows))), np.nan)
-        for place, row in zip(stacked, rows, strict=True):
-            place[: len(row)] = row
-        return stacked[1:], failures
+            stacked[number, : len(result)] = result
+        return stacked, failures
 
     def _count(self, stacked: Floats, failures: Failures) -> Floats:
         """Count solves and failures, and return the results."""
@@ -203,11 +200,8 @@ class Evaluation:
                 stacked[failed, :width] = self.solve(theta[failed], "rows")
                 failed &= stacked[:, 0] > -np.inf
         if failed.any():
+            around = partial(self.solve, kind="deviations")
             stacked[failed] = difference(
-                self.posterior,
-                theta[failed],
-                lambda points: self.solve(points, "deviations"),
-                information,
-                searching=True,
+                self.posterior, theta[failed], around, information, searching=True
             )
         return stacked

@@ -28,12 +28,10 @@ class Failure(NamedTuple):
 
 def describe_failure(error: Exception, parameters: Mapping[str, float]) -> Failure:
     """Return the text by which an error is recorded."""
+    is_late = isinstance(error, TimeoutError | subprocess.TimeoutExpired)
+    cause = "time-out" if is_late else "exception"
     if isinstance(error, SolveError):
         cause = error.cause
-    elif isinstance(error, TimeoutError | subprocess.TimeoutExpired):
-        cause = "time-out"
-    else:
-        cause = "exception"
     return Failure(cause, f"{type(error).__name__}: {error}", parameters)
 
 

@@ -9,12 +9,7 @@ import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import (
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    as_completed,
-)
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from importlib import import_module
 from itertools import count
@@ -164,24 +159,19 @@ class EvaluationPool:
     ) -> Results:
         """Yield number and results of each part, as they come."""
         function = unwrap(function)
-        sent: object = function
-        key = payload = None
-        if not self.threads:
-            key, payload = self.ship(function)
-            sent = None
-        waiting = list(range(len(parts)))
+        key, payload = (None, function) if self.threads else self.ship(function)
+        waiting, sent = list(range(len(parts))), payload if self.threads else None
         while waiting:
             tasks = [(key, parts[i], sent, os.getpid()) for i in waiting]
-            missing = []
+            numbers, waiting, sent = waiting, [], payload
             for place, outcome in self._completed(tasks, payload):
                 if outcome.error is not None:
                     outcome.error.add_note(outcome.note)
                     raise outcome.error
                 if outcome.missing:
-                    missing.append(waiting[place])
+                    waiting.append(numbers[place])
                 else:
-                    yield waiting[place], outcome.values
-            waiting, sent = sorted(missing), payload
+                    yield numbers[place], outcome.values
 
     def _completed(self, tasks: list[Task], payload: object) -> Results:
         """Yield number and outcome of each task as it ends.
@@ -194,16 +184,17 @@ class EvaluationPool:
                 yield from enumerate(self._executor.map(evaluate, tasks))
                 return
             submit = self._executor.submit
-            again: dict[Future[Outcome], int] = {}
-            begun = {submit(evaluate, task): i for i, task in enumerate(tasks)}
-            for places in (begun, again):
-                for future in as_completed(places):
-                    place, outcome = places[future], future.result()
+            running = {submit(evaluate, task): i for i, task in enumerate(tasks)}
+            while running:
+                again = {}
+                for future in as_completed(running):
+                    place, outcome = running[future], future.result()
                     if outcome.missing:
                         key, points, _, home = tasks[place]
                         again[submit(evaluate, (key, points, payload, home))] = place
                     else:
                         yield place, outcome
+                running = again
         except Exception as error:  # of the executor: an outcome carries the function's
             raise RuntimeError(
                 f"pool: {type(self._executor).__name__} could not do its work: a "

@@ -25,13 +25,13 @@ from emcee.pbar import get_progress_bar
 from .. import checks
 from ..contracts import Floats, Move
 from .evaluator import Bar, Evaluation
-from .failures import FailureLog
 from .pools import EvaluationPool, Function
 
 LONGEST_REPR = 200  # characters of a move that are printed
 PACKAGE = __name__.partition(".")[0]
 
 Weighted: TypeAlias = Sequence[tuple[Move, float]]
+Found: TypeAlias = tuple[Floats, Floats]  # points (n, d), and their rows
 
 
 class Sampler(emcee.EnsembleSampler):
@@ -53,7 +53,7 @@ class Sampler(emcee.EnsembleSampler):
         )
         self.log_prob_fn.f = evaluator
         self.evaluator = evaluator
-        self._found: list[tuple[Floats, Floats]] | None = None
+        self._found: list[Found] | None = None
 
     def compute_log_prob(self, coords: Floats) -> tuple[Floats, Floats]:
         """Return log-posteriors ``(n,)`` and blobs of ``coords (n, d)``.
@@ -202,11 +202,9 @@ class Replay(Evaluation):
         strayed: Whether something else was asked for.
     """
 
-    def __init__(
-        self, evaluation: Evaluation, found: list[tuple[Floats, Floats]]
-    ) -> None:
-        log = None if evaluation.failures is None else FailureLog(1.0)
-        super().__init__(evaluation.solver, evaluation.pool, log)
+    def __init__(self, evaluation: Evaluation, found: list[Found]) -> None:
+        part = evaluation.part()
+        super().__init__(part.solver, part.pool, part.failures)
         self.left, self.strayed = found, False
 
     def rows(self, theta: Floats) -> Floats:

@@ -209,20 +209,9 @@ class Store:
             if self._file is not None:
                 yield self._file
                 return
-            with closing(self._open_to_read()) as file:
+            # "rw", by which SQLite takes back what a kill left half written.
+            with closing(self._connect("rw")) as file:
                 yield file
-
-    def _open_to_read(self) -> sqlite3.Connection:
-        """Open the file; a record that a kill left half written is taken back first."""
-        file = self._connect("ro")
-        try:
-            file.execute("SELECT count(*) FROM sqlite_master").fetchone()
-        except sqlite3.Error as error:
-            file.close()
-            if error.sqlite_errorname != "SQLITE_READONLY_ROLLBACK":
-                raise
-            return self._connect("rw")
-        return file
 
     @contextmanager
     def _writing(self, what: str) -> Iterator[sqlite3.Connection]:

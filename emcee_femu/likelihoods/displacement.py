@@ -9,15 +9,8 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..contracts import Floats, Parameters, Response, Variable, read
-from ..measurements.modes import along_axis
-from .term import (
-    MODEL_ERROR,
-    Deviations,
-    Term,
-    choose_error,
-    doubt_percent,
-    error_array,
-)
+from ..measurements.modes import LARGE_ERROR_PRIOR, along_axis, doubt_percent
+from .term import MODEL_ERROR, Deviations, Term, choose_error, error_array
 
 
 class DisplacementTerm(Term):
@@ -93,19 +86,16 @@ class DisplacementTerm(Term):
         if error:
             numbers = error_array(error, value, u.shape[1:], u.shape)
             if error == "relative_sd":
-                doubt_percent(error, numbers)
+                doubt_percent(error, numbers, LARGE_ERROR_PRIOR)
             self.sd += numbers * (np.abs(u) if error == "relative_sd" else 1.0)
         if not (self.sd > 0).all() and (error or not u.all()):
             raise ValueError("measured: zero has no relative error; give sd")
-        labels = {
-            "load_case": _read_labels("cases", cases, u.shape[0]),
-            "point": _read_labels("points", points, u.shape[1]),
-        }
-        turned = [along_axis(point) for point in labels["point"]]
-        labels["point"] = [point for point, _ in turned]
-        self.measured = u = u * [sign for _, sign in turned]
+        labels = _read_labels("cases", cases, u.shape[0])
+        given = _read_labels("points", points, u.shape[1])
+        along, signs = zip(*map(along_axis, given), strict=True)
+        self.measured = u = u * signs
         self.stated_sd, self.scale = self.sd.ravel(), u.ravel()
-        self.reads = {"displacement": Variable(labels)}
+        self.reads = {"displacement": Variable({"load_case": labels, "point": along})}
         self.observed, self.error_sd = {"displacement": u}, {"displacement": self.sd}
 
     def deviations(self, parameters: Parameters, response: Response) -> Deviations:

@@ -8,14 +8,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..contracts import Floats, Parameters, Response, find, modal_variables, read
 from ..measurements import Measurements, modes
-from .term import (
-    MODEL_ERROR,
-    Deviations,
-    Term,
-    choose_error,
-    doubt_percent,
-    error_array,
-)
+from .term import MODEL_ERROR, Deviations, Term, choose_error, error_array
 
 # Log-likelihood that an unpaired mode costs: as much as four standard deviations.
 UNPAIRED = 8.0
@@ -118,7 +111,7 @@ class FrequencyTerm(Term):
         if isinstance(measured, Measurements):
             if all(value is None for value in errors.values()):
                 errors["covariance"] = measured.covariance
-                if measured.covariance is None and measured.sd is not None:
+                if measured.sd is not None:  # there is no covariance then
                     unknown = np.flatnonzero(np.isnan(measured.sd))
                     least = np.nanmin(measured.sd)
                     errors["sd"] = np.where(np.isnan(measured.sd), least, measured.sd)
@@ -145,7 +138,7 @@ class FrequencyTerm(Term):
             if error == "sd":
                 numbers = numbers / self.measured
             if error != "beta":
-                doubt_percent(error, numbers)
+                modes.doubt_percent(error, numbers, modes.LARGE_ERROR_PRIOR)
             self.beta[:] = numbers if error == "beta" else numbers**-2
             self.beta[unknown] = np.inf  # the discrepancy is all of their error
         self.stated_sd = self.beta**-0.5
@@ -163,11 +156,6 @@ class FrequencyTerm(Term):
     def deviations(self, parameters: Parameters, response: Response) -> Deviations:
         """Return independent relative deviations and their standard deviations."""
         predicted = read(response, "frequency")[:, : self.n_modes]
-        if predicted.shape[1] < self.n_modes:
-            raise ValueError(
-                f"measured: {self.n_modes} modes were measured, but the model "
-                f"returned {predicted.shape[1]}; ask it for more modes"
-            )
         r = predicted / self.measured - 1.0
         if not self.separate:
             r = r @ self._axes
@@ -182,7 +170,6 @@ class FrequencyTerm(Term):
 def _principal_axes(covariance: ArrayLike, hertz: Floats) -> tuple[Floats, Floats]:
     """Return precisions of relative errors along axes where they are independent."""
     C = modes.covariance(covariance, len(hertz))
-    assert C is not None
     variances, axes = np.linalg.eigh(C / np.outer(hertz, hertz))
     if not variances[0] > 1e-12 * variances[-1]:
         raise ValueError(

@@ -10,15 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 from ..contracts import Floats, PairedSolution, Parameters, Response, Variable, read
 from ..measurements import Measurements
+from ..measurements.modes import doubt_percent
 from ..models.paired import at_sensors
-from .term import (
-    MOST_RELATIVE,
-    Deviations,
-    Term,
-    doubt_percent,
-    error_array,
-    log_normal,
-)
+from .term import MOST_RELATIVE, Deviations, Term, error_array, log_normal
 
 # In words and as a formula in HTML, for reports, with the symbol of its error.
 BY_SENSOR = (
@@ -105,9 +99,8 @@ class ShapeTerm(Term):
             if measured.shapes is None:
                 raise ValueError("measured: these measurements have no shapes")
             if delta is None and discrepancy is None and sd is None:
-                sd = measured.shape_sd
-                if sd is not None:  # that of a missing sensor is not used
-                    sd = np.where(np.isnan(sd), 1.0, sd)
+                if measured.shape_sd is not None:  # that of a missing sensor is unused
+                    sd = np.nan_to_num(measured.shape_sd, nan=1.0)
             self._dofs, measured = measured.dofs, measured.shapes
         shapes = checks.numeric_array("measured", measured)
         self._there = there = ~np.isnan(shapes)

@@ -10,7 +10,6 @@ of the response, ``(n, *shape, d)``, and of each parameter, ``(n, d)``, in d dir
 They cost evaluations of the term but no solve.
 """
 
-import warnings
 from collections.abc import Callable, Mapping
 from copy import copy
 from typing import TypeAlias, TypeVar
@@ -41,7 +40,6 @@ LEAST_SD = 1e-160
 # lognorm(1, scale=0.005) leaves standard deviations unknown where data are few.
 ERROR_PRIOR = "(0.001, 0.05)"
 MOST_RELATIVE = 0.5  # of a standard deviation; more is one in percent
-LARGE_ERROR_PRIOR = 0.1  # the same, where it may be
 RESPONSE_STEP = 6e-6  # relative change of a response, where no solve adds noise
 MODEL_ERROR = "σ<sub>d</sub>"  # as reports write the error that a discrepancy infers
 
@@ -269,19 +267,6 @@ def error_array(argument: str, value: ArrayLike, *shapes: tuple[int, ...]) -> Fl
     return numbers
 
 
-def doubt_percent(
-    argument: str, relative: Floats, large: float = LARGE_ERROR_PRIOR
-) -> None:
-    """Warn about relative standard deviations that may have been given in percent."""
-    if (largest := relative.max()) > large:
-        instead = "relative_sd" if argument == "sd" else argument
-        warnings.warn(
-            f"{argument}: expected at most {large:g} of what was measured, got "
-            f"{largest:.3g}, which is {100 * largest:.3g} %; 1 % is {instead}=0.01",
-            stacklevel=3,
-        )
-
-
 def log_normal(r: Floats, sd: Floats) -> Floats:
     """Return the log densities of N(r; 0, sd), ``(n, m)``."""
     with np.errstate(over="ignore"):  # so far off the likelihood is zero
@@ -365,12 +350,11 @@ def _replace(response: Response, shifted: Batch, n: int, times: int) -> Response
         return {k: move(k, v) for k, v in response.items()} | dict(shifted)
     if "frequency" in shifted:  # the field of modal solutions
         shifted = {**shifted, "frequencies": shifted["frequency"]}
-    if isinstance(response, tuple):
-        fields = response._asdict()  # type: ignore[attr-defined]
-        return response._replace(  # type: ignore[attr-defined]
-            **{name: move(name, value) for name, value in fields.items()}
-        )
+    named = isinstance(response, tuple)
+    fields = response._asdict() if named else vars(response)
+    moved = {name: move(name, value) for name, value in fields.items()}
+    if named:
+        return response._replace(**moved)
     other = copy(response)
-    for name, value in vars(response).items():
-        object.__setattr__(other, name, move(name, value))
+    vars(other).update(moved)  # of a frozen one, too
     return other

@@ -1,7 +1,6 @@
 """The CSV file of measured modes, which a person can fill in."""
 
 import csv
-import io
 import re
 from os import PathLike
 
@@ -65,9 +64,8 @@ def read_csv(path: Path) -> Fields:
     checks.file_name("path", path)
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:  # Excel's BOM
-            text = file.read()
-            delimiter = next((c for c in ";\t" if c in text.partition("\n")[0]), ",")
-            lines = io.StringIO(text, newline="")
+            lines = file.readlines()
+            delimiter = next((c for c in ";\t" if c in "".join(lines[:1])), ",")
             reader = csv.reader(lines, delimiter=delimiter)
             rows = [(f"{path}, line {reader.line_num}", row) for row in reader]
     except (csv.Error, UnicodeError) as error:
@@ -100,12 +98,12 @@ def read_csv(path: Path) -> Fields:
         if delimiter != ",":  # with decimal commas, perhaps
             cells[3:] = [cell.replace(",", ".") for cell in cells[3:]]
         # A blank is what is not known, unless the file was cut there.
-        cut = len(row) < len(titles) or (row is rows[-1][1] and text[-1] not in "\r\n")
+        open_end = row is rows[-1][1] and lines[-1][-1] not in "\r\n"
+        cut = open_end or len(row) < len(titles)
         if field in PARTLY and not cut:
             cells[3:] = [cell or "nan" for cell in cells[3:]]
         numbers = _read_numbers(place, titles, cells, field)
-        numbers = [number * factor for number in numbers]
-        fields.setdefault(field, []).append(numbers)
+        fields.setdefault(field, []).append([number * factor for number in numbers])
         if field in PER_SENSOR:
             sensors[field].append(sensor)
         elif field != "covariance" and len(fields[field]) > 1:

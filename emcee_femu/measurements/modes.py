@@ -15,6 +15,7 @@ from ..contracts import Floats
 SAME_FREQUENCY, SAME_MAC = 1e-3, 0.99
 COLLINEAR = 0.9  # below it a real shape is a poor picture of the mode
 LARGE_DAMPING = 0.2  # of structures, but for dampers; 0.2 is also a usual percentage
+LARGE_ERROR_PRIOR = 0.1  # a relative standard deviation that may be in percent
 SIGNED = re.compile(r"(.+:)([-+])(u?[xyz]|r[xyz])")  # a DOF such as "2:-ux"
 OTHER_MODE = 0.5  # a shape with a smaller MAC with the mean belongs to another mode
 Shapes = NDArray[np.float64] | NDArray[np.complex128]
@@ -125,33 +126,29 @@ def deviations(
         value = [np.nan if number is None else number for number in value]
     sd = checks.numeric_array(argument, value)
     checks.shaped(argument, sd.shape, shape)
-    if partly:
-        there = ~np.isnan(sd)
-        if not there.any():
-            return None
-    if there is not None:
-        sd[~there] = np.nan
-    wrong = ~((sd > 0) & np.isfinite(sd)) & (True if there is None else there)
+    if there is None:
+        there = ~np.isnan(sd) if partly else np.ones(shape, dtype=bool)
+    sd[~there] = np.nan
+    wrong = there & ~((sd > 0) & np.isfinite(sd))
     _refuse(argument, sd, "finite numbers above zero", wrong)
-    return sd
+    return sd if there.any() else None
 
 
-def damping(value: ArrayLike | None, n_modes: int) -> Floats | None:
-    """Return damping ratios, and warn if they look like percent."""
-    ratios = deviations("damping", value, (n_modes,), partly=True)
-    if ratios is not None and (largest := np.nanmax(ratios)) > LARGE_DAMPING:
+def doubt_percent(
+    argument: str, ratios: Floats, large: float, of: str = "what was measured"
+) -> None:
+    """Warn about ratios, some perhaps NaN, that may have been given in percent."""
+    if (largest := np.nanmax(ratios)) > large:
+        instead = "relative_sd" if argument == "sd" else argument
         warnings.warn(
-            f"damping: expected ratios, mostly below {LARGE_DAMPING:g}, got "
-            f"{largest:.3g}, which is {100 * largest:.3g} %; 1 % is damping=0.01",
+            f"{argument}: expected at most {large:g} of {of}, got {largest:.3g}, which "
+            f"is {100 * largest:.3g} %; 1 % is {instead}=0.01",
             stacklevel=3,
         )
-    return ratios
 
 
-def covariance(value: ArrayLike | None, n_modes: int) -> Floats | None:
-    """Return a symmetric positive definite ``(n_modes, n_modes)``; None for None."""
-    if value is None:
-        return None
+def covariance(value: ArrayLike, n_modes: int) -> Floats:
+    """Return a symmetric positive definite ``(n_modes, n_modes)``."""
     matrix = checks.shaped_array("covariance", value, (n_modes, n_modes))
     deviations("covariance (diagonal)", np.diag(matrix), (n_modes,))
     checks.covariance_factor("covariance", matrix)

@@ -123,14 +123,19 @@ class Measurements(Report):
             self.phase_collinearity = modes.phase_collinearity(raw, phase_collinearity)
             modes.warn_about_complex(self.phase_collinearity)
         self.sd = modes.deviations("sd", sd, (n_modes,), partly=True)
-        self.covariance = modes.covariance(covariance, n_modes)
+        self.covariance = None
+        if covariance is not None:
+            self.covariance = modes.covariance(covariance, n_modes)
         shape = self.n_sensors, n_modes
         self.shape_sd = modes.deviations("shape_sd", shape_sd, shape, there)
         self.sensors = modes.labels(sensors, self.n_sensors)
         self.dofs, signs = modes.dofs(dofs, self.n_sensors)
         if self.shapes is not None:
             self.shapes *= signs[:, None]
-        self.damping = modes.damping(damping, n_modes)
+        self.damping = modes.deviations("damping", damping, (n_modes,), partly=True)
+        if self.damping is not None:
+            critical = modes.LARGE_DAMPING, "the critical one"
+            modes.doubt_percent("damping", self.damping, *critical)
         self.damping_sd = modes.deviations(
             "damping_sd", damping_sd, (n_modes,), partly=True
         )

@@ -60,17 +60,14 @@ def read_uff(
     hertz = np.array([mode.hertz for mode in found])
     order = _choose_modes(hertz, numbers, [f"{mode.place}: " for mode in found])
     values = [_nodal_values(found[i]) for i in order]
-    labels = [*dict.fromkeys(label for column in values for label in column)]
-    rows = [[column.get(label, np.nan) for column in values] for label in labels]
-    shapes = np.array(rows)
-    zero = [x for x, row in zip(labels, shapes, strict=True) if not np.nansum(abs(row))]
-    chosen = [x for x in labels if x not in zero] if sensors is None else sensors
+    labels = dict.fromkeys(label for column in values for label in column)
+    rows = {x: np.array([column.get(x, np.nan) for column in values]) for x in labels}
+    zero = [x for x, row in rows.items() if not np.nansum(abs(row))]
+    chosen = [x for x in rows if x not in zero] if sensors is None else sensors
     kept = [*checks.parameter_names("sensors", chosen)]
-    unknown = set(kept) - set(labels)
-    if unknown:
-        raise ValueError(f"sensors: {path} has no {sorted(unknown)}, only {labels}")
-    shapes = shapes[[labels.index(label) for label in kept]]
-    absent = [x for x, row in zip(kept, shapes, strict=True) if np.isnan(row).any()]
+    if unknown := sorted({*kept} - {*rows}):
+        raise ValueError(f"sensors: {path} has no {unknown}, only {[*rows]}")
+    absent = [x for x in kept if np.isnan(rows[x]).any()]
     if absent or (zero and sensors is None):
         warnings.warn(
             f"{path}: taken as not measured: zero in all modes, left out, {zero}; "
@@ -79,7 +76,7 @@ def read_uff(
         )
     return {
         "frequencies": hertz[order],
-        "shapes": shapes,
+        "shapes": np.array([rows[x] for x in kept]),
         "damping": _known([found[i].damping for i in order]),
         "sensors": kept,
     }

@@ -18,9 +18,9 @@ from ..contracts import (
     placed,
     show_declared,
 )
-from .eigen_dense import Eigenproblem, Wanted, join
+from .eigen_dense import Eigenproblem, Modes, Wanted, join
 from .eigen_sparse import DenseProblem, SparseEigenproblem
-from .inputs import Dofs, Matrix, Where, choose_dofs, describe, read_batch, read_matrix
+from .inputs import Dofs, Matrix, choose_dofs, read_batch, read_matrix
 
 MATRIX_STEP = 1e-4  # of a parameter's value: matrices are then known to some 1e-8
 UNBOUNDED_DOFS = 10**9  # DOFs, before it is known how many there are
@@ -142,22 +142,17 @@ class AssembledModel:
         small._output = V[list(self.shape_dofs)]
         return small
 
-    def _solve(
-        self, parameters: Parameters, by: tuple[str, ...]
-    ) -> tuple[ModalSolution, Derivatives]:
+    def _solve(self, parameters: Parameters, by: tuple[str, ...]) -> Modes:
         """Solve parameter sets one by one, with derivatives by some parameters."""
         values, n = read_batch(parameters, self.names)
         results = []
         for i in range(n):
             row = {name: float(values[name][i]) for name in self.names}
-            where = partial(describe, {k: np.array([v]) for k, v in row.items()}, row)
             with placed(row, self.names):
-                results.append(self._solve_one(row, by, where))
+                results.append(self._solve_one(row, by))
         return join(results)
 
-    def _solve_one(
-        self, row: dict[str, float], by: tuple[str, ...], where: Where
-    ) -> tuple[ModalSolution, Derivatives]:
+    def _solve_one(self, row: dict[str, float], by: tuple[str, ...]) -> Modes:
         K, M = ([matrix] for matrix in self.matrices(row))
         for name in by:
             step = MATRIX_STEP * (abs(row[name]) or 1.0)
@@ -165,7 +160,7 @@ class AssembledModel:
             ahead, behind = map(self.matrices, sides)
             for units, high, low in zip((K, M), ahead, behind, strict=True):
                 units.append((high - low) / (2 * step))
-        label = f"the mass matrix at {where(0)}"
+        label = f"the mass matrix at {row}"
         problem: SparseEigenproblem | DenseProblem | Eigenproblem
         wanted = Wanted(self.modes, self.skip, self.shape_dofs)
         if self._output is None:
@@ -177,7 +172,7 @@ class AssembledModel:
         still = np.zeros((1, len(by)))
         each = np.eye(len(by))[:, None]
         slopes = {name: (one, one) for name, one in zip(by, each, strict=True)}
-        return problem.solve([still, still], where, slopes)
+        return problem.solve([still, still], lambda _: str(row), slopes)
 
 
 def _project(

@@ -39,6 +39,7 @@ PARTING = 1e-7  # share of a derivative's terms that may be left by rounding
 # How the coefficients of K (n, n_k), and those of M (n, n_m), change with a parameter;
 # one row where that is the same for all parameter sets.
 Slopes: TypeAlias = Mapping[str, tuple[Floats, ...]]
+Modes: TypeAlias = tuple[ModalSolution, Derivatives]  # what a solve returns
 
 
 class Wanted(NamedTuple):
@@ -98,9 +99,7 @@ class Eigenproblem:
                 ) from None
             self.K, self.output = inverse @ K @ inverse.T, output @ inverse.T
 
-    def solve(
-        self, weights: Weights, describe: Where, slopes: Slopes | None = None
-    ) -> tuple[ModalSolution, Derivatives]:
+    def solve(self, weights: Weights, describe: Where, slopes: Slopes) -> Modes:
         """Solve for coefficients ``k (n, n_k)`` and ``m (n, n_m)``.
 
         ``describe(i)`` names parameter set i in an error message. ``slopes`` say how
@@ -118,9 +117,8 @@ class Eigenproblem:
             np.sqrt(eigenvalues.take(selected, axis=1)) / (2 * np.pi),
             self.output @ wanted if shaped else None,
         )
-        derivatives: Derivatives = {"frequency": {}}
-        if shaped:
-            derivatives["shapes"] = {}
+        variables = ["frequency", "shapes"] if shaped else ["frequency"]
+        derivatives: Derivatives = {name: {} for name in variables}
         if not slopes:
             return solution, derivatives
         squares = eigenvalues[:, None, selected]
@@ -185,17 +183,12 @@ class Eigenproblem:
         clusters = np.zeros(eigenvalues.shape, dtype=np.intp)
         clusters[:, 1:] = np.cumsum(np.diff(eigenvalues) > least, axis=1)
         together = np.equal(clusters[:, :, None], clusters[:, None, self.selected])
+        units = [*self.K[1:], *self.M[1:]]
         for row, column in np.argwhere(together.sum(axis=1) > 1).tolist():
             members = np.flatnonzero(together[row, :, column])
-            first = int(members[0])
-            refuse_parting(
-                shapes[row][:, members],
-                float(eigenvalues[row, first]),
-                first - self.skip + 1,
-                [*self.K[1:], *self.M[1:]],
-                at_row(slopes, row),
-                describe(row),
-            )
+            phi, value = shapes[row][:, members], float(eigenvalues[row, members[0]])
+            first, at = int(members[0]) - self.skip + 1, at_row(slopes, row)
+            refuse_parting(phi, value, first, units, at, describe(row))
         return np.asarray(together)
 
 
@@ -221,17 +214,12 @@ def combine_one(terms: Floats, coefficients: Floats) -> Floats:
     return np.asarray(combine(terms, coefficients[None])[0])
 
 
-def join(
-    results: Sequence[tuple[ModalSolution, Derivatives]],
-) -> tuple[ModalSolution, Derivatives]:
+def join(results: Sequence[Modes]) -> Modes:
     """Return the results of parameter sets that were solved one after another."""
     solutions, slopes = zip(*results, strict=True)
-    shapes = [each.shapes for each in solutions if each.shapes is not None]
-    whole = ModalSolution(
-        np.concatenate([each.frequencies for each in solutions]),
-        np.concatenate(shapes) if shapes else None,
-    )
-    return whole, {
+    fields = zip(*solutions, strict=True)
+    whole = (None if one[0] is None else np.concatenate(one) for one in fields)
+    return ModalSolution._make(whole), {
         variable: {
             name: np.concatenate([each[variable][name] for each in slopes])
             for name in by

@@ -26,11 +26,12 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.sparse import csc_array, diags_array
 
-from ..contracts import Derivatives, Floats, ModalSolution, RepeatedModes
+from ..contracts import Floats, ModalSolution, RepeatedModes
 from .eigen_dense import (
     EPS,
     REPEATED,
     Eigenproblem,
+    Modes,
     Slopes,
     Wanted,
     at_row,
@@ -121,9 +122,7 @@ class SparseEigenproblem:
         if len(M) == 1:
             check_mass(self.M[0], label)
 
-    def solve(
-        self, weights: Weights, describe: Where, slopes: Slopes | None = None
-    ) -> tuple[ModalSolution, Derivatives]:
+    def solve(self, weights: Weights, describe: Where, slopes: Slopes) -> Modes:
         """Solve for coefficients ``k (n, n_k)`` and ``m (n, n_m)``, one by one.
 
         ``describe(i)`` names parameter set i in an error message. ``slopes`` say how
@@ -132,8 +131,8 @@ class SparseEigenproblem:
         Whether the last mode coincides with one above it is seen only where shapes are
         wanted.
         """
-        (k, m), slopes = weights, {} if slopes is None else slopes
-        n, count, dofs = len(k), int(self.modes[-1]), self.dofs
+        (k, m), count, dofs = weights, int(self.modes[-1]), self.dofs
+        n = len(k)
         frequencies = np.empty((n, count))
         shapes = np.empty((n, len(dofs), count))
         changes = np.empty((len(slopes), n, count))
@@ -196,8 +195,7 @@ class SparseEigenproblem:
                         + f"; ask for n_modes={last + 1}"
                         * (last == len(eigenvalues))
                     )
-                turn = x[:, dofs] - 0.5 * phi[dofs] @ (phi.T @ inertia)
-                turns[:, :, cluster] = turn
+                turns[:, :, cluster] = x[:, dofs] - 0.5 * phi[dofs] @ (phi.T @ inertia)
         return changes, turns
 
 
@@ -223,9 +221,7 @@ class DenseProblem:
         """The sparse problem, created when it is first needed."""
         return SparseEigenproblem(*self._given)
 
-    def solve(
-        self, weights: Weights, describe: Where, slopes: Slopes | None = None
-    ) -> tuple[ModalSolution, Derivatives]:
+    def solve(self, weights: Weights, describe: Where, slopes: Slopes) -> Modes:
         """Solve as the other two; rows spoilt by rounding one by one."""
         (k, m), (in_K, in_M) = weights, self._diagonals
         blurred = find_blurred(in_K[0] + k @ in_K[1:], in_M[0] + m @ in_M[1:])
@@ -233,8 +229,7 @@ class DenseProblem:
             results = []
             for i in range(len(k)):
                 one, at = slice(i, i + 1), partial(lambda row, _: describe(row), i)
-                here = slopes and at_row(slopes, i)
-                results.append(self.solve([k[one], m[one]], at, here))
+                results.append(self.solve([k[one], m[one]], at, at_row(slopes, i)))
             return join(results)
         problem = self._sparse if blurred.any() else self._dense
         return problem.solve(weights, describe, slopes)

@@ -91,9 +91,8 @@ class Matrices(Report):
         mass that you expect.
         """
         axes = [label.rpartition(":")[2] for label in self.labels]
-        there = [axis for axis in DOF_DIRECTIONS[:3] if axis in axes]
-        moves = {axis: np.equal(axes, axis).astype(float) for axis in there}
-        return {axis: float(x @ self.M @ x) for axis, x in moves.items()}
+        moves = {x: np.equal(axes, x) * 1.0 for x in DOF_DIRECTIONS[:3] if x in axes}
+        return {axis: float(r @ self.M @ r) for axis, r in moves.items()}
 
     def dofs(self, names: str | Sequence[str] | NDArray[np.str_]) -> Any:
         """Return the row of a DOF, or the rows of several as an array, in their order.
@@ -251,9 +250,9 @@ def _fit_powers(
                 ]
                 misfit = (np.array(off) - UNCHANGED) / np.maximum(wholes, UNCHANGED)
                 misfits.append((float(misfit.max()), powers, terms))
-        worst, powers, terms = min(misfits, key=lambda fit: fit[0] > CURVED)
+        # The fewest powers that fit, or what is nearest.
+        worst, powers, terms = min(misfits, key=lambda fit: max(fit[0], CURVED))
         if worst > CURVED:
-            worst, powers, _ = min(misfits, key=lambda fit: fit[0])
             nearest = " + ".join(f"c{p} x^{p}" for p in powers)
             raise ValueError(
                 f"{argument}: {part} is not a polynomial in this parameter, up to its "

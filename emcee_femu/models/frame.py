@@ -52,8 +52,8 @@ Spring: TypeAlias = tuple[int, int | None, Mapping[str, Property]]
 Term: TypeAlias = tuple[str, ...]  # the parameters whose product multiplies a matrix
 Scale: TypeAlias = tuple[float, Term]  # a number, times a product
 Indices: TypeAlias = NDArray[np.intp]
-# What is added to the matrix of each term: numbers of DOFs (m,), entries (m, m).
-Pieces: TypeAlias = dict[Term, list[tuple[Indices, Floats]]]
+# What is added to the matrix of each term: rows, columns and entries, (3, m) each.
+Pieces: TypeAlias = dict[Term, list[Floats]]
 
 
 @dataclass(frozen=True)
@@ -198,15 +198,16 @@ class FrameModel(AffineModel):
             raise ValueError(f"nodes: expected (n_nodes >= 2, 3), got {points.shape}")
         free = _find_free_dofs(len(points), supports)
         wanted = _choose_modes(n_modes, modes)
-        K: Pieces = {(): []}
-        M: Pieces = {(): []}
+        K: Pieces = {(): [np.empty((3, 0))]}
+        M: Pieces = {(): [np.empty((3, 0))]}
         bars = checks.sequence("elements", elements, "(node, node, section name)")
-        used = _add_bars(K, M, points, bars, sections)
-        used |= _add_masses(M, len(points), masses)
-        used |= _add_springs(K, points, springs)
-        alone = {*range(len(points))} - used
-        if alone:
-            raise ValueError(f"nodes: nothing is fixed to {sorted(alone)}")
+        _add_bars(K, M, points, bars, sections)
+        _add_masses(M, len(points), masses)
+        _add_springs(K, points, springs)
+        rows = [piece[0] for part in (K, M) for each in part.values() for piece in each]
+        joined = {*(np.concatenate(rows) // 6).tolist()}
+        if alone := sorted({*range(len(points))} - joined):
+            raise ValueError(f"nodes: nothing is fixed to {alone}")
         in_K, in_M = (
             {term: _add_up(each, free, 6 * len(points)) for term, each in part.items()}
             for part in (K, M)
@@ -216,17 +217,9 @@ class FrameModel(AffineModel):
             in_K, in_M = (
                 {term: A.toarray() for term, A in part.items()} for part in (in_K, in_M)
             )
-        super().__init__(
-            in_K.pop(()),
-            in_M.pop(()),
-            _label(in_K),
-            _label(in_M),
-            wanted,
-            skip,
-            shapes,
-            tuple(f"{i // 6}:{DOFS[i % 6]}" for i in free.tolist()),
-            positive="property",
-        )
+        dofs = tuple(f"{i // 6}:{DOFS[i % 6]}" for i in free.tolist())
+        constant, units = (in_K.pop(()), in_M.pop(())), (_label(in_K), _label(in_M))
+        super().__init__(*constant, *units, wanted, skip, shapes, dofs, "property")
         self.sections = dict(sections)
         self.bounds = dict.fromkeys(self.names, (0.0, np.inf))
         lines = [(first, second) for first, second, *_ in bars]
@@ -252,19 +245,16 @@ def _add(
     for factor, names in scales:
         number *= factor
         term += names
-    piece = dofs, number * (T.T @ matrix @ T)
+    entries = number * (T.T @ matrix @ T).ravel()
+    piece = np.array([np.repeat(dofs, len(dofs)), np.tile(dofs, len(dofs)), entries])
     pieces.setdefault(tuple(sorted(term)), []).append(piece)
 
 
-def _add_up(
-    pieces: list[tuple[Indices, Floats]], free: Indices, size: int
-) -> csc_array:
+def _add_up(pieces: list[Floats], free: Indices, size: int) -> csc_array:
     """Return the sum over the free DOFs."""
-    none = np.empty(0, dtype=np.intp)
-    rows = np.concatenate([none, *(np.repeat(own, len(own)) for own, _ in pieces)])
-    columns = np.concatenate([none, *(np.tile(own, len(own)) for own, _ in pieces)])
-    entries = np.concatenate([np.empty(0), *(block.ravel() for _, block in pieces)])
-    total = csc_array(coo_array((entries, (rows, columns)), shape=(size, size)))
+    *places, entries = np.hstack(pieces)
+    at = np.array(places, dtype=np.intp)
+    total = csc_array(coo_array((entries, at), shape=(size, size)))
     return csc_array(total[free][:, free])
 
 
@@ -282,26 +272,22 @@ def _add_bars(
     points: Floats,
     elements: Sequence[Element],
     sections: Mapping[str, Section],
-) -> set[int]:
-    """Add the bars, checked, and return the nodes that they join."""
+) -> None:
+    """Add the bars, checked."""
     for name, section in checks.by_label("sections", sections, "a Section").items():
         checks.instance(f"sections[{name!r}]", section, Section)
     form = "(node, node, section name) or (node, node, section name, (offset, offset))"
     if not elements:
         raise TypeError(f"elements: expected at least one {form}, got none")
-    used, taken = set[int](), set[str]()
     for e, element in enumerate(elements):
         label = f"elements[{e}]"
         entry = checks.group(label, element, form, 3, 4)
         *ends, name, offsets = (*entry, (None, None))[:4]
-        for node in ends:
-            _check_node(label, node, len(points))
+        _check_nodes(label, ends, len(points))
         if name not in sections:
             raise ValueError(
                 f"{label}: no section {name!r}; sections are {sorted(sections)}"
             )
-        used |= {*ends}
-        taken.add(name)
         pair = checks.group(label, offsets, "(offset, offset)", 2)
         arms = [_read_offset(label, offset) for offset in pair]
         section, T = sections[name], np.zeros((12, 12))
@@ -314,21 +300,19 @@ def _add_bars(
         for part, matrices in zip((K, M), element_matrices(length, polar), strict=True):
             for product, matrix in matrices.items():
                 _add(part, [read[key] for key in product], _dofs(*ends), T, matrix)
-    if {*sections} - taken:
-        raise ValueError(f"sections: no element uses {sorted({*sections} - taken)}")
-    return used
+    if unused := sorted({*sections} - {name for _, _, name, *_ in elements}):
+        raise ValueError(f"sections: no element uses {unused}")
 
 
-def _add_masses(M: Pieces, n_nodes: int, masses: Sequence[Mass]) -> set[int]:
-    """Add the point masses, checked, and return the nodes that carry them."""
+def _add_masses(M: Pieces, n_nodes: int, masses: Sequence[Mass]) -> None:
+    """Add the point masses, checked."""
     form = "(node, mass), (node, mass, offset) or (node, mass, offset, inertia)"
-    units, used = np.eye(6), set[int]()
+    units = np.eye(6)
     for i, given in enumerate(checks.sequence("masses", masses, form)):
         label = f"masses[{i}]"
         entry = checks.group(label, given, form, 2, 3, 4)
         node, mass, offset, inertia = (*entry, None, None)[:4]
-        _check_node(label, node, n_nodes)
-        used.add(node)
+        _check_nodes(label, [node], n_nodes)
         T = rigid_arm(_read_offset(label, offset))
         moved = np.diag(units[:3].sum(axis=0))
         _add(M, [_read_property(label, mass)], _dofs(node), T, moved)
@@ -337,28 +321,23 @@ def _add_masses(M: Pieces, n_nodes: int, masses: Sequence[Mass]) -> set[int]:
             if isinstance(moment, str | tuple) or moment != 0:
                 turned = np.diag(units[3 + axis])
                 _add(M, [_read_property(label, moment)], _dofs(node), T, turned)
-    return used
 
 
-def _add_springs(K: Pieces, points: Floats, springs: Sequence[Spring]) -> set[int]:
-    """Add the springs, checked, and return the nodes that they join."""
+def _add_springs(K: Pieces, points: Floats, springs: Sequence[Spring]) -> None:
+    """Add the springs, checked."""
     form = "(node, node or None, {direction: stiffness})"
-    used = set[int]()
     for s, given in enumerate(checks.sequence("springs", springs, form)):
         label = f"springs[{s}]"
         first, second, by_direction = checks.group(label, given, form, 3)
         ends = [first] if second is None else [first, second]
-        for node in ends:
-            _check_node(label, node, len(points))
+        _check_nodes(label, ends, len(points))
         if first == second:
             raise ValueError(f"{label}: both ends are node {first}")
-        used |= {*ends}
         apart = [rigid_arm(points[first] - points[node]) for node in ends]
         T = np.hstack([apart[0], *(-arm for arm in apart[1:])])
         for direction, stiffness in checks.by_name(label, by_direction, DOFS).items():
             axis = np.diag(np.eye(6)[DOFS.index(direction)])
             _add(K, [_read_property(label, stiffness)], _dofs(*ends), T, axis)
-    return used
 
 
 def _read_offset(label: str, value: ArrayLike | None) -> Floats:
@@ -440,7 +419,7 @@ def _find_free_dofs(
     checks.mapping("supports", supports, "{node: held DOFs}")
     free = np.ones((n_nodes, 6), dtype=bool)
     for node, held in supports.items():
-        _check_node("supports", node, n_nodes)
+        _check_nodes("supports", [node], n_nodes)
         names = DOFS if held == "all" else (held,) if isinstance(held, str) else held
         for dof in checks.sequence(f"supports[{node}]", names, "DOFs"):
             if dof not in DOFS:
@@ -454,9 +433,10 @@ def _find_free_dofs(
     return np.flatnonzero(free)
 
 
-def _check_node(label: str, node: int, n_nodes: int) -> None:
-    if checks.whole_number(label, node) >= n_nodes:
-        raise ValueError(f"{label}: no node {node}; nodes are 0 to {n_nodes - 1}")
+def _check_nodes(label: str, nodes: Iterable[int], n_nodes: int) -> None:
+    for node in nodes:
+        if checks.whole_number(label, node) >= n_nodes:
+            raise ValueError(f"{label}: no node {node}; nodes are 0 to {n_nodes - 1}")
 
 
 def _choose_modes(n_modes: int | None, modes: Sequence[int] | None) -> tuple[int, ...]:

@@ -76,16 +76,15 @@ class FunctionModel:
         *,
         jacobian: Function | None = None,
     ) -> None:
-        slopes = function if jacobian is None else jacobian
-        for label, call in (("function", function), ("jacobian", slopes)):
-            checks.function(label, call)
+        checks.function("function", function)
+        checks.function("jacobian", function if jacobian is None else jacobian)
         self._is_modal = variables is None
         if n_modes is not None:
             if variables is not None:
                 raise TypeError("variables: expected them or n_modes, got both")
-            unknown = Variable({}, stored=False)  # whether there are shapes, and where
-            variables = modal_variables(checks.whole_number("n_modes", n_modes, 1))
-            variables |= {"shapes": unknown}
+            count = checks.whole_number("n_modes", n_modes, 1)
+            # Whether there are shapes, and where, is not known.
+            variables = modal_variables(count) | {"shapes": UNSTORED}
         elif variables is not None:
             by_name = checks.by_label("variables", variables, "a Variable")
             for name, variable in by_name.items():
@@ -112,7 +111,6 @@ class FunctionModel:
         """Call a function for each parameter set; stack its results and derivatives."""
         values, n = checks.batch(parameters)
         names, rows, tangents = [*values], list[Arrays](), list[Arrays]()
-        given = set[tuple[str, str]]()  # variables, and parameters that change them
         form = "what function returns, and {variable: {parameter: array}}"
         for i in range(n):
             row = {name: float(value[i]) for name, value in values.items()}
@@ -124,9 +122,6 @@ class FunctionModel:
                         result, slopes = checks.group("jacobian", result, form, 2)
                     rows.append(self._read(result))
                     tangents.append(gather_tangents("jacobian", rows[i], slopes, names))
-                    given |= {
-                        (v, name) for v, by_name in slopes.items() for name in by_name
-                    }
                 except TypeError as error:
                     error.add_note(f"the function is given one dict, of {names}")
                     raise
@@ -137,9 +132,7 @@ class FunctionModel:
         for name in dict.fromkeys(name for each in tangents for name in each):
             none = np.zeros((*first[name], len(names)))
             every = np.array([each.get(name, none) for each in tangents])
-            by_parameter = np.moveaxis(every, -1, 0)
-            pairs = zip(names, by_parameter, strict=True)
-            derivatives[name] = {p: x for p, x in pairs if (name, p) in given}
+            derivatives[name] = dict(zip(names, np.moveaxis(every, -1, 0), strict=True))
         if self._is_modal:
             modes = ModalSolution(response["frequency"], response.get("shapes"))
             return modes, derivatives
@@ -227,11 +220,10 @@ class DensityModel:
                 f"{DENSITY}: expected a finite number at some of {len(points)} draws "
                 "of the prior, got none; narrow the prior to where it is finite"
             )
-        axes = {
-            name: {f"{name}_dim_{i}": range(size) for i, size in enumerate(blob.shape)}
-            for name, blob in row.items()
-        }
-        variables = {name: Variable(coords) for name, coords in axes.items()}
+        variables = {}
+        for name, blob in row.items():
+            dims = enumerate(blob.shape)
+            variables[name] = Variable({f"{name}_dim_{i}": range(n) for i, n in dims})
         return replace(self, variables=variables | {DENSITY: UNSTORED})
 
     @property

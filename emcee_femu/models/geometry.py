@@ -63,26 +63,22 @@ class Geometry:
         self.lines: list[tuple[Node, ...]] = []
         for i, line in enumerate(checks.sequence("lines", lines, "(node, node)")):
             self.lines.append(checks.group(f"lines[{i}]", line, "(node, node)", 2))
-            for node in line:
-                self._check_node(f"lines[{i}]", node)
-        self.supports = [*checks.sequence("supports", supports, "nodes")]
-        for node in self.supports:
-            self._check_node("supports", node)
+            self._check_nodes(f"lines[{i}]", line)
+        self.supports = checks.sequence("supports", supports, "nodes")
+        self._check_nodes("supports", self.supports)
         self.sensors: dict[Hashable, tuple[Node, Floats]] = {}
         form = "{DOF: (node, direction)}"
         by_dof = checks.mapping("sensors", {} if sensors is None else sensors, form)
         for dof, sensor in by_dof.items():
             label = f"sensors[{dof!r}]"
             node, along = checks.group(label, sensor, "(node, direction)", 2)
-            self._check_node(label, node)
-            axis: ArrayLike = along
-            if isinstance(along, str):
-                if along not in UNIT_AXES:
-                    raise ValueError(
-                        f"{label}: expected a direction out of {' '.join(UNIT_AXES)} "
-                        f"or a vector, got {along!r}"
-                    )
-                axis = UNIT_AXES[along]
+            self._check_nodes(label, [node])
+            axis = UNIT_AXES.get(along) if isinstance(along, str) else along
+            if axis is None:
+                raise ValueError(
+                    f"{label}: expected a direction out of {' '.join(UNIT_AXES)} "
+                    f"or a vector, got {along!r}"
+                )
             vector = checks.shaped_array(label, axis, (3,))
             if not vector.any():
                 raise ValueError(f"{label}: expected a vector that is not zero")
@@ -100,7 +96,8 @@ class Geometry:
             return self._by_text[node], np.array(UNIT_AXES[direction])
         return None
 
-    def _check_node(self, label: str, node: Node) -> None:
-        if node not in self.nodes:
-            some = ", ".join(map(repr, [*self.nodes][:6]))
-            raise ValueError(f"{label}: no node {node!r}; there are {some} ...")
+    def _check_nodes(self, label: str, nodes: Iterable[Node]) -> None:
+        for node in nodes:
+            if node not in self.nodes:
+                some = ", ".join(map(repr, [*self.nodes][:6]))
+                raise ValueError(f"{label}: no node {node!r}; there are {some} ...")

@@ -27,8 +27,7 @@ ASYMMETRY = 1e-6
 def read_batch(parameters: Parameters, names: Sequence[str]) -> tuple[Parameters, int]:
     """Return the values, each ``(n,)``, and n; every name must be there."""
     values, n = checks.batch(parameters)
-    missing = [name for name in names if name not in values]
-    if missing:
+    if missing := [name for name in names if name not in values]:
         raise ValueError(f"parameters: no value for {missing}")
     return values, n
 

@@ -1,7 +1,6 @@
 """Lumped masses joined by springs."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..contracts import Derivatives, Floats, ModalSolution, Parameters, show_declared
 from .inputs import Dofs
-from .matrix import MatrixModel
+from .matrix import AffineModel
 
 Spring: TypeAlias = tuple[int, int, float | str]
 Springs: TypeAlias = Mapping[str, Spring]
@@ -70,19 +69,18 @@ class MassSpringModel:
         self.springs = checks.by_label("springs", springs, "(node, node, stiffness)")
         if named:
             checks.parameter_names("masses", [*named, *springs])
-        self._masses = dict(zip(named, self.masses.tolist(), strict=False))
-        self._stiffnesses, leaders = _read_stiffnesses(self.springs)
-        K = {name: np.zeros((n, n)) for name in self._stiffnesses}
+        stiffnesses, leaders = _read_stiffnesses(self.springs)
+        K = {name: np.zeros((n, n)) for name in stiffnesses}
         for name, (first, second, _) in springs.items():
             b = _incidence(name, first, second, n)
             K[leaders.get(name, name)] += np.outer(b, b)
-        M = {name: np.diag(np.eye(n)[i]) for i, name in enumerate(self._masses)}
+        M = {name: np.diag(np.eye(n)[i]) for i, name in enumerate(named)}
+        mass_of = dict(zip(named, self.masses.tolist(), strict=False))
+        self._defaults = stiffnesses | mass_of
         M0 = np.diag(np.zeros(n) if named else self.masses)
-        self._model = MatrixModel(
-            np.zeros((n, n)), M0, K, M, n_modes=n - skip, skip=skip, shapes=shapes
-        )
-        self._model.coefficients = replace(
-            self._model.coefficients, positive="stiffness or mass"
+        modes, positive = range(1, n - skip + 1), "stiffness or mass"
+        self._model = AffineModel(
+            np.zeros((n, n)), M0, K, M, modes, skip, shapes, positive=positive
         )
         self.shape_dofs, self.variables = self._model.shape_dofs, self._model.variables
         self.dofs = self._model.dofs
@@ -114,11 +112,8 @@ class MassSpringModel:
     def _complete(self, parameters: Parameters) -> Parameters:
         """Return the values of all springs and masses, or their defaults."""
         values, n = checks.batch(parameters)
-        defaults = self._stiffnesses | self._masses
-        return {
-            name: values[name] if name in values else np.full(n, value)
-            for name, value in defaults.items()
-        }
+        rest = {k: np.full(n, x) for k, x in self._defaults.items() if k not in values}
+        return {**values, **rest}
 
 
 def _read_stiffnesses(springs: Springs) -> tuple[dict[str, float], dict[str, str]]:

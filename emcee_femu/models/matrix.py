@@ -94,7 +94,7 @@ class AffineModel:
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""
-        return self.problem.solve(*self.coefficients(parameters))[0]
+        return self.problem.solve(*self.coefficients(parameters), {})[0]
 
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
         """Return the response and its derivatives by all parameters, from one solve.

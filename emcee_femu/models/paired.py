@@ -137,17 +137,20 @@ class PairedModel:
         self.min_mac = checks.real_number("min_mac", min_mac, 0.0, 1.0)
         self.min_gap = checks.real_number("min_gap", min_gap, 0.0)
         size = np.sqrt(np.nansum(test.shapes**2, axis=0))
-        self._shapes = test.shapes / size
+        self._shapes = np.nan_to_num(test.shapes / size)
+        # The modes that share their sensors are compared at these.
+        there = ~np.isnan(test.shapes)
+        sensors, of_mode = np.unique(there, axis=1, return_inverse=True)
+        groups = enumerate(sensors.T[:, :, None])
+        self._alike = [(each, np.flatnonzero(of_mode == i)) for i, each in groups]
         declared = read_declared(model, "variables")
         self._rows = _match_rows(declared, test)
         if declared is not None and "frequency" in declared:
             self._check_count(declared["frequency"].size)
-        dofs = test.dofs
-        labels = [None] * len(self._shapes) if dofs is None else dofs.tolist()
-        modal = modal_variables(n_modes, labels)
-        by_mode = Variable(modal["frequency"].coords)
-        paired = dict.fromkeys(("mac", "model_mode", "unpaired"), by_mode)
-        self.variables = modal | paired
+        labels = [None] * len(self._shapes) if test.dofs is None else test.dofs.tolist()
+        self.variables = modal_variables(n_modes, labels)
+        by_mode = Variable(self.variables["frequency"].coords)
+        self.variables |= dict.fromkeys(("mac", "model_mode", "unpaired"), by_mode)
         self.names = read_declared(model, "names")
         self.bounds = read_declared(model, "bounds")
         self.one_by_one = read_declared(model, "one_by_one")
@@ -221,30 +224,23 @@ class PairedModel:
             The candidate of each measured mode, 0 = the lowest, ``(n, p)``;
             frequencies, shapes and MAC in that order.
         """
-        there = ~np.isnan(self._shapes)
-        measured = np.where(there, self._shapes, 0.0)
-        # The modes that share their sensors are compared at these.
-        groups: dict[bytes, list[int]] = {}
-        for i, column in enumerate(there.T):
-            groups.setdefault(column.tobytes(), []).append(i)
-        alike = [(there[:, modes[:1]], modes) for modes in groups.values()]
+        measured = self._shapes
         mac = np.empty((len(shapes), measured.shape[1], shapes.shape[2]))  # (n, p, q)
-        for sensors, modes in alike:
+        for sensors, modes in self._alike:
             mac[:, modes] = (measured[:, modes].T @ _scale(shapes * sensors)) ** 2
         score = mac.copy()
         shared = np.full(frequencies.shape, -1)  # numbers of those that share a space
         projections = np.empty((0, *measured.shape))
         with np.errstate(invalid="ignore"):  # infinite ones, which LogPosterior refuses
-            close = (np.diff(frequencies) < self.min_gap * frequencies[:, :-1]).any(
-                axis=1
-            )
+            near = np.diff(frequencies) < self.min_gap * frequencies[:, :-1]
+        close = near.any(axis=1)
         if close.any():
             coupling = _couple_modes(frequencies[close], self.min_gap)
             at, mode = np.nonzero((coupling > 0).sum(axis=2) > 1)
             row = np.flatnonzero(close)[at]
             shared[row, mode] = np.arange(len(row))
             projections = np.empty((len(row), *measured.shape))
-            for sensors, modes in alike:
+            for sensors, modes in self._alike:
                 unit, weights = _scale(shapes[row] * sensors), coupling[at, mode]
                 spanned, projected = _widen(measured[:, modes], unit, weights)
                 mac[row[:, None], modes, mode[:, None]] = spanned
@@ -360,8 +356,7 @@ def _match_rows(
         return None
     places = {dof: i for i, dof in enumerate(labels)}
     sensors = measurements.dofs.tolist()
-    missing = [dof for dof in sensors if dof not in places]
-    if missing:
+    if missing := [dof for dof in sensors if dof not in places]:
         raise ValueError(
             f"dofs: the measurements have sensors at {missing}, but the model has no "
             f"shapes there, only at {[*places][:8]}; ask it for shapes={sensors}"
@@ -456,9 +451,8 @@ def _widen(measured: Floats, unit: Floats, weights: Floats) -> tuple[Floats, Flo
         for earlier in axes * 2:  # Gram-Schmidt, twice for accuracy
             axis = axis - earlier * (earlier * axis).sum(axis=1, keepdims=True)
         length = np.linalg.norm(axis, axis=1, keepdims=True)
-        axis = axis * np.where(
-            length > CLUSTER_DEPENDENT, 1 / np.maximum(length, CLUSTER_DEPENDENT), 0
-        )
+        unlike = length > CLUSTER_DEPENDENT
+        axis = axis * unlike / np.where(unlike, length, 1.0)
         axes.append(axis)
         weight, t = weights[row, place][:, None], axis @ measured
         first += weight * t**2

@@ -54,24 +54,18 @@ def check_parameters(
             remedy = f"; add {missing[0]!r}: {ERROR_PRIOR}, or its own range"
             raise ValueError(
                 f"prior: no parameter {missing}, which {type(reader).__name__} needs; "
-                f"there are {[*prior.names]}{remedy * isinstance(reader, Term)}"
+                f"there are {[*prior.names]}{remedy * (reader in terms)}"
             )
         read |= {*names, *bounds}
         for name in bounds.keys() & {*prior.names}:
             least, most = prior.bounds[prior.names.index(name)].tolist()
             low, high = bounds[name]
-            if (low, high) == (0.0, np.inf) and least < 0:
-                raise ValueError(
-                    f"prior: {name!r} must stay above zero for "
-                    f"{type(reader).__name__}, but its lower bound is {least:g}; give "
-                    "it bounds with low >= 0"
-                )
             if least < low or most > high:
                 raise ValueError(
-                    f"prior: {name!r} has bounds ({least:g}, {most:g}), but the model "
-                    f"holds within ({low:g}, {high:g}); widen the model, or cut the "
-                    f"prior: IndependentPrior({{...}}, bounds={{{name!r}: ({low:g}, "
-                    f"{high:g})}})"
+                    f"prior: {name!r} has bounds ({least:g}, {most:g}), but "
+                    f"{type(reader).__name__} holds within ({low:g}, {high:g}); give "
+                    "the prior bounds inside these, as IndependentPrior({...}, "
+                    f"bounds={{{name!r}: ({low:g}, {high:g})}}), or widen the model"
                 )
     unread = [name for name in prior.names if name not in read]
     # A model that declares no names reads what it likes.

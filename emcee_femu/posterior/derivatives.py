@@ -16,6 +16,8 @@ from ..likelihoods.term import Term, linearize_normal
 from .experiments import Solved
 
 Sides: TypeAlias = tuple[tuple[float, ...], ...]
+Linearized: TypeAlias = tuple[Floats, Floats | None]  # gradient and scores of a part
+Law: TypeAlias = tuple[Prior, Floats]  # and the scale of each of its parameters
 
 # Of the prior's scale: eigenvalues that are good to 1e-10 then give derivatives that
 # are good to 1e-5, those of dense solvers to 1e-9, and curvature costs about as much.
@@ -72,14 +74,10 @@ class Stencil(NamedTuple):
 
 
 def place(
-    prior: Prior,
-    theta: Floats,
-    scale: Floats,
-    step: float = SMALL_STEP,
-    sides: Sides = SIDES,
+    law: Law, theta: Floats, step: float = SMALL_STEP, sides: Sides = SIDES
 ) -> Stencil:
     """Return the points about ``theta (n, d)``, none outside the prior's support."""
-    (n, d), k = theta.shape, len(sides[0])
+    (prior, scale), (n, d), k = law, theta.shape, len(sides[0])
     around = np.tile(theta[:, None, None], (1, k, d, 1))
     steps = np.full((n, k, d), np.nan)
     for signs in sides:
@@ -112,16 +110,16 @@ def is_printed(posterior: _Differentiated, rows: Floats) -> bool:
     return bool((np.abs(digits - np.round(digits)) < 1e-6).all())
 
 
-def prior_gradient(prior: Prior, theta: Floats, scale: Floats) -> Floats:
+def prior_gradient(law: Law, theta: Floats) -> Floats:
     """Return the gradient of the log-prior ``(n, d)``."""
-    stencil = place(prior, theta, scale)
-    return stencil.derive(prior.logpdf(stencil.points))[:, 0]
+    stencil = place(law, theta)
+    return stencil.derive(law[0].logpdf(stencil.points))[:, 0]
 
 
-def prior_hessian(prior: Prior, theta: Floats, scale: Floats) -> Floats:
+def prior_hessian(law: Law, theta: Floats) -> Floats:
     """Return the second derivatives of the log-prior ``(n, d, d)``."""
-    stencil = place(prior, theta, scale, WIDE)
-    hessian = stencil.derive(prior_gradient(prior, stencil.points, scale))
+    stencil = place(law, theta, WIDE)
+    hessian = stencil.derive(prior_gradient(law, stencil.points))
     return (hessian + hessian.swapaxes(1, 2)) / 2
 
 
@@ -148,20 +146,13 @@ def along_tangents(
     parameters = posterior.parameters(theta)
     units = zip(posterior.names, np.eye(posterior.ndim), strict=True)
     along = {name: np.broadcast_to(unit, theta.shape) for name, unit in units}
-    gradient = prior_gradient(posterior.prior, theta, posterior.scale)
-    scores = []
+    parts = []
     for part in solved:
-        tangents = part.tangents | along
-        about = parameters, part.response, tangents, steps
-        for term in part.terms:
-            with np.errstate(all="ignore"):  # of rows that are -inf
-                slope, score = term.linearize(*about)
-            gradient += slope
-            scores.append(score)
-    possible, hessian = rows[:, 0] > -np.inf, None
-    if information:
-        hessian = prior_hessian(posterior.prior, theta, posterior.scale)
-    return _side_by_side(posterior, theta, possible, gradient, scores, hessian)
+        about = parameters, part.response, part.tangents | along, steps
+        with np.errstate(all="ignore"):  # of rows that are -inf
+            parts += [term.linearize(*about) for term in part.terms]
+    law, possible = (posterior.prior, posterior.scale), rows[:, 0] > -np.inf
+    return _side_by_side(posterior.names, law, theta, possible, parts, information)
 
 
 def difference(
@@ -170,7 +161,7 @@ def difference(
     evaluate: Callable[[Floats], Floats],
     information: bool,
     searching: bool = False,
-    law: tuple[Prior, Floats] | None = None,
+    law: Law | None = None,
 ) -> Floats:
     """Return rows, gradients and information of points, by a stencil of solves.
 
@@ -185,61 +176,56 @@ def difference(
     """
     law = law or (posterior.prior, posterior.scale)
     how = (COARSE, ONE_SIDE) if searching else (SMALL_STEP, SIDES)
-    stencil = place(law[0], theta, law[1], *how)
+    stencil = place(law, theta, *how)
     evaluated = evaluate(stencil.points)
     rows, r, sd = posterior.split(evaluated)
     if searching and is_printed(posterior, evaluated[:, rows]):
-        stencil = place(law[0], theta, law[1], GRAINED, ONE_SIDE)
+        stencil = place(law, theta, GRAINED, ONE_SIDE)
         evaluated = evaluate(stencil.points)
     slopes = stencil.derive(evaluated)  # (n, columns, d)
     values = evaluated.reshape(len(theta), -1, evaluated.shape[1])
-    gradient = prior_gradient(law[0], theta, law[1])
     others = [column for column, t in enumerate(posterior.terms, 2) if not t.gaussian]
-    gradient += slopes[:, others].sum(axis=1)
-    scores: list[Floats | None] = [None] * len(others)
+    parts: list[Linearized] = [(slopes[:, column], None) for column in others]
     if len(others) < len(posterior.terms) and values.shape[2] > posterior.row_size:
+        normal = values[:, 0, r], values[:, 0, sd], slopes[:, r], slopes[:, sd]
         with np.errstate(all="ignore"):  # of rows that are -inf
-            parts = values[:, 0, r], values[:, 0, sd], slopes[:, r], slopes[:, sd]
-            slope, score = linearize_normal(*parts)
-        gradient += slope
-        scores.append(score)
+            parts.append(linearize_normal(*normal))
     # A solve that failed beside a point leaves it without a gradient.
     possible = np.asarray(np.isfinite(values[:, :, 0]).all(axis=1))
     possible &= ~np.isnan(stencil.steps).any(axis=(1, 2))
-    hessian = prior_hessian(law[0], theta, law[1]) if information else None
-    rest = _side_by_side(posterior, theta, possible, gradient, scores, hessian)
+    names = posterior.names
+    rest = _side_by_side(names, law, theta, possible, parts, information)
     return np.hstack([values[:, 0, rows], rest])
 
 
 def _side_by_side(
-    posterior: _Differentiated,
+    names: Sequence[str],
+    law: Law,
     theta: Floats,
     possible: NDArray[np.bool_],
-    gradient: Floats,
-    scores: Sequence[Floats | None],
-    hessian: Floats | None,
+    parts: Sequence[Linearized],
+    information: bool,
 ) -> Floats:
     """Return gradient and information side by side; NaN where there can be none.
 
-    No information without the Hessian of the log-prior.
+    Those of the log-prior, and of each part of the likelihood.
 
     Raises:
         SolveError: If a gradient is not finite elsewhere.
     """
-    n, d = theta.shape
-    parts = [gradient]
-    if hessian is not None:
-        matrix = -hessian
+    gradient = sum((slope for slope, _ in parts), start=prior_gradient(law, theta))
+    result = gradient
+    if information:
+        matrix = -prior_hessian(law, theta)
         with np.errstate(all="ignore"):  # of rows that are -inf
-            for score in scores:
+            for _, score in parts:
                 matrix += np.nan if score is None else score.swapaxes(1, 2) @ score
-        parts.append(matrix.reshape(n, d * d))
-    result = np.hstack(parts)
+        result = np.hstack([gradient, matrix.reshape(len(theta), -1)])
     result[~possible] = np.nan
     wrong = possible & ~np.isfinite(gradient).all(axis=1)
     if wrong.any():
         row = int(np.argmax(wrong))
-        values = dict(zip(posterior.names, theta[row].tolist(), strict=True))
+        values = dict(zip(names, theta[row].tolist(), strict=True))
         raise SolveError(
             "not finite",
             f"the gradient of the log-posterior is {gradient[row].tolist()} at "

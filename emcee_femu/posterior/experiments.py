@@ -64,7 +64,6 @@ class Experiment:
         paired: The model, if it pairs modes; else None.
         term_names: The labels of the terms.
         variables: The stored variables of the response, by their own names.
-        shapes: Theirs, for one parameter set.
         exact: Whether the model declared them, and must keep to their shapes.
         jacobian: What returns response and derivatives, None if the model has none.
         spread: What returns response and uncertainty, None if the model claims none.
@@ -80,7 +79,6 @@ class Experiment:
         self.term_names = checks.parameter_names("terms (their names)", names)
         declared = declare(model, self.terms)
         self.variables = {name: v for name, v in declared.items() if v.stored}
-        self.shapes = {name: v.shape for name, v in self.variables.items()}
         self.exact = read_declared(model, "variables") is not None
         self.jacobian: Ask | None = read_declared(model, "jacobian")
         self.spread: Ask | None = read_declared(model, "spread")
@@ -99,25 +97,28 @@ class Experiment:
             names: All parameters of the posterior, in its order.
             derivatives: Whether to ask the model's jacobian for derivatives.
         """
-        solved = self._respond(parameters, names, derivatives)
-        response, tangents, directions, stored = solved
-        values = [
-            self._evaluate(term, name, parameters, response)
-            for term, name in zip(self.terms, self.term_names, strict=True)
-        ]
-        if directions is not None:
-            values = self._average(parameters, response, directions, values)
-        return Solved(self.terms, response, values, stored, tangents)
+        solved, directions = self._respond(parameters, names, derivatives)
+        for term, name in zip(self.terms, self.term_names, strict=True):
+            value, label = term(parameters, solved.response), self.full_name(name)
+            if type(value) is not np.ndarray or value.dtype != np.float64:
+                value = checks.numeric_array(f"terms ({label!r})", value)
+            # One number would do for all, unseen.
+            shape = parameters[names[0]].shape
+            checks.shaped(f"terms ({label!r})", value.shape, shape)
+            solved.log_likelihoods.append(value)
+        if directions is None:
+            return solved
+        averaged = self._average(parameters, solved, directions)
+        return solved._replace(log_likelihoods=averaged)
 
     def _respond(
         self, parameters: Parameters, names: Sequence[str], derivatives: bool
-    ) -> tuple[Response, dict[str, Floats], Directions | None, list[Floats]]:
+    ) -> tuple[Solved, Directions | None]:
         """Return response, tangents, uncertainty and what is stored; errors say where.
 
         A model may overwrite its parameters: it is given copies.
         """
         tangents, directions, label = {}, None, self.full_name("model")
-        n = len(next(iter(parameters.values())))
 
         def copies() -> Parameters:
             return {name: value.copy() for name, value in parameters.items()}
@@ -132,8 +133,8 @@ class Experiment:
                 response, directions = self.spread(copies())
             elif not derivatives:
                 response = self.model(copies())
-            shapes = self.shapes.items()
-            stored = [self._extract(response, name, shape, n) for name, shape in shapes]
+            n = len(next(iter(parameters.values())))
+            stored = [self._extract(response, name, n) for name in self.variables]
         except (Exception, SystemExit) as error:
             if PLACED not in vars(error):
                 add_place(error, name_sets(parameters), [*parameters])
@@ -148,25 +149,10 @@ class Experiment:
             raise RuntimeError(
                 f"{label}: it raised {error!r}, {', '.join(error.__notes__)}"
             ) from error
-        return response, tangents, directions, stored
-
-    def _evaluate(
-        self, term: Term, name: str, parameters: Parameters, response: Response
-    ) -> Floats:
-        value = term(parameters, response)
-        label = f"terms ({self.full_name(name)!r})"
-        if type(value) is not np.ndarray or value.dtype != np.float64:
-            value = checks.numeric_array(label, value)
-        n = len(next(iter(parameters.values())))
-        checks.shaped(label, value.shape, (n,))  # one number would do for all, unseen
-        return value
+        return Solved(self.terms, response, [], stored, tangents), directions
 
     def _average(
-        self,
-        parameters: Parameters,
-        response: Response,
-        directions: Directions,
-        log_likelihoods: list[Floats],
+        self, parameters: Parameters, solved: Solved, directions: Directions
     ) -> list[Floats]:
         r"""Return log-likelihoods averaged over the error that the model claims.
 
@@ -183,12 +169,12 @@ class Experiment:
         Each is given the data of the terms before it, so that their sum is that of all
         data: a term that shares the model's error with one before it knows it better.
         """
-        label = f"{self.full_name('model')}: spread"
+        label, response = f"{self.full_name('model')}: spread", solved.response
         tangents = tangents_of(label, parameters, response, directions)
         n, q = tangents[next(iter(parameters))].shape
         gradient, information = np.zeros((n, q)), np.tile(np.eye(q), (n, 1, 1))
         before, averaged = np.zeros(n), []
-        for term, value in zip(self.terms, log_likelihoods, strict=True):
+        for term, value in zip(self.terms, solved.log_likelihoods, strict=True):
             possible = value > -np.inf
             with np.errstate(all="ignore"):  # of rows that are -inf
                 slope, curvature = expand(term, parameters, response, tangents, value)
@@ -202,11 +188,10 @@ class Experiment:
             before = gain
         return averaged
 
-    def _extract(
-        self, response: Response, name: str, shape: tuple[int, ...], n: int
-    ) -> Floats:
+    def _extract(self, response: Response, name: str, n: int) -> Floats:
         """Return a variable of the response, in the declared shape, ``(n, size)``."""
         value = part = read(response, name)
+        shape = self.variables[name].shape
         if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiub":
             raise TypeError(
                 f"{self.full_name('model')}: expected an array of real numbers for "

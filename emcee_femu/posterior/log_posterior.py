@@ -207,17 +207,15 @@ class LogPosterior(Report):
             >>> posterior([1.5, 2.0]).round(3).tolist()
             [-5.906, -5.781, -0.125, 0.5]
         """
-        boxes = list[ArrayLike]()
-        if isinstance(prior, Mapping):
-            boxes, prior = [*prior.values()], IndependentPrior(prior)
-        known: Prior = prior
-        check_prior(known)
+        boxes = [*prior.values()] if isinstance(prior, Mapping) else []
+        law = IndependentPrior(prior) if isinstance(prior, Mapping) else prior
+        check_prior(law)
         named = {} if kwargs is None else kwargs
-        bare = DensityModel(log_likelihood, known.names, vectorize, args, named)
-        draws = known.sample(np.random.default_rng(0), TRIED_DRAWS)
-        self = cls(bare.declare_blobs(draws), bare.density, known)
+        bare = DensityModel(log_likelihood, law.names, vectorize, args, named)
+        draws = law.sample(np.random.default_rng(0), TRIED_DRAWS)
+        self = cls(bare.declare_blobs(draws), bare.density, law)
         if boxes and all(np.shape(ends) == (2,) for ends in boxes):
-            self.log_box = float(np.log(np.diff(known.bounds)).sum())
+            self.log_box = float(np.log(np.diff(law.bounds)).sum())
         return self
 
     def _set(self, pairs: Tests, prior: Prior, units: Units) -> None:

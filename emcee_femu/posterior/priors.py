@@ -99,12 +99,9 @@ class GaussianPrior(KnownPrior):
         low, high = (self.bounds.T - mean) / sd
         self._cut = stats.truncnorm(low, high, mean, sd)
         nearest = np.clip(0.0, low, high)  # the densest point of the cut Gaussian
-        cut = stats.truncnorm.logpdf(nearest, low, high)
-        log_mass = stats.norm.logpdf(nearest) - cut
-        constant = -np.log(sd).sum() - 0.5 * d * np.log(2 * np.pi) - log_mass.sum()
-        self._log_constant = float(constant)
-        moments = zip(self.names, mean, sd, strict=True)
-        self.marginals = {name: stats.norm(*pair) for name, *pair in moments}
+        peak = stats.truncnorm.logpdf(nearest, low, high) - np.log(sd)
+        self._log_constant = float((peak + 0.5 * nearest**2).sum())
+        self.marginals = dict(zip(self.names, map(stats.norm, mean, sd), strict=True))
 
     def logpdf(self, theta: Floats) -> Floats:
         """Return the log density ``(n,)`` of ``theta (n, d)``, -inf out of bounds."""
@@ -158,9 +155,6 @@ class IndependentPrior(KnownPrior):
         checks.mapping("marginals", marginals, "{name: distribution}")
         self.names = names = checks.parameter_names("marginals", list(marginals))
         ends = checks.by_name("bounds", {} if bounds is None else bounds, names)
-        if ends:
-            limits = check_bounds([*ends.values()], (*ends,)).tolist()
-            ends = dict(zip(ends, limits, strict=True))
         self.marginals = {}
         for name, marginal in marginals.items():
             if np.shape(marginal) == (2,):
@@ -178,7 +172,8 @@ class IndependentPrior(KnownPrior):
                     f"scipy.stats.norm(0, 1), or a pair (low, high), got {marginal!r}"
                 )
             if name in ends:
-                marginal = _Cut(name, marginal, *ends[name])
+                ((low, high),) = check_bounds([ends[name]], (name,)).tolist()
+                marginal = _Cut(name, marginal, low, high)
             self.marginals[name] = marginal
         supports = [marginal.support() for marginal in self.marginals.values()]
         self.bounds = check_bounds(supports, names)

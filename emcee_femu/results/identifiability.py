@@ -370,7 +370,7 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
     gaussian = *best.gaussian, *bounds.T
     mean, covariance = moments_inside(*gaussian)
     draws, log_weights = draw_inside(*gaussian)
-    stencil = place(posterior.prior, best.theta[None], posterior.scale)
+    stencil = place((posterior.prior, posterior.scale), best.theta[None])
     stacked = posterior.stack(stencil.points, "deviations")
     rows, r, sd = (stacked[:, part] for part in posterior.split(stacked))
     modes, log_eigenvalues = by_mode(posterior.unfold(rows))
