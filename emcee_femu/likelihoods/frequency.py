@@ -156,6 +156,11 @@ class FrequencyTerm(Term):
     def deviations(self, parameters: Parameters, response: Response) -> Deviations:
         """Return independent relative deviations and their standard deviations."""
         predicted = read(response, "frequency")[:, : self.n_modes]
+        if predicted.shape[1] < self.n_modes:
+            raise ValueError(
+                f"measured: {self.n_modes} modes were measured, but the model "
+                f"returned {predicted.shape[1]}; ask it for more modes"
+            )
         r = predicted / self.measured - 1.0
         if not self.separate:
             r = r @ self._axes
