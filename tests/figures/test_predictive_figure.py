@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-import xarray
 from numpy.testing import assert_allclose
-from support.chains import dataset, wrap
+from support.chains import by_hand, dataset
 from support.figures import assert_readable
 
 import emcee_femu as ef
@@ -13,26 +12,22 @@ RNG = np.random.default_rng(0)
 HERTZ = np.array([10.0, 40.0, 120.0])
 
 
-def made(measured, unit, coords, initial, name="frequency", mac=None):
+def made(measured, unit, dims, initial, name="frequency", mac=None):
     """Return an ArviZ object with predictions 0.2 % too high that scatter by 1 %."""
-    size, dims = (4, 200, *measured.shape), tuple(coords)
-    predicted = measured * (1.002 + 0.01 * RNG.standard_normal(size))
-    new = predicted + 0.1 * RNG.standard_normal(size)
-    sampled, drawn = {"sample_dims": ["chain", "draw"]}, ("chain", "draw", *dims)
-    response = {name: (drawn, predicted)}
+    size = 4, 200, *measured.shape
+    response = {name: measured * (1.002 + 0.01 * RNG.standard_normal(size))}
+    new = response[name] + 0.1 * RNG.standard_normal(size)
     if mac is not None:
         model_mode = np.broadcast_to(np.arange(2.0, 5.0), size)
-        response |= {"mac": (drawn, mac), "model_mode": (drawn, model_mode)}
-    a = {"a": (("chain", "draw"), RNG.random(size[:2]))}
-    observed = {name: (dims, measured, {"units": unit})}
-    groups = {
-        "posterior": xarray.Dataset(a, attrs=sampled),
-        "response": xarray.Dataset(response, coords, sampled),
-        "new_measurement": xarray.Dataset({name: (drawn, new)}, coords, sampled),
-        "observed_data": xarray.Dataset(observed, coords),
-        "constant_data": xarray.Dataset({f"initial_{name}": (dims, initial)}, coords),
-    }
-    return wrap(groups)
+        response |= {"mac": mac, "model_mode": model_mode}
+    return by_hand(
+        {"a": RNG.random(size[:2])},
+        {f"initial_{name}": (dims, initial)},
+        {name: (dims, measured, {"units": unit})},
+        dims,
+        response=response,
+        new_measurement={name: new},
+    )
 
 
 def intervals(values):
@@ -43,21 +38,18 @@ def drawn_intervals(axes):
     return [np.array(lines.get_segments())[:, :, 1] for lines in axes.collections]
 
 
-POINTS = {"case": ["snow"], "point": ["a", "b", "c"]}
-
-
 @pytest.mark.parametrize(
-    ("name", "unit", "measured", "coords", "scale"),
+    ("name", "unit", "measured", "dims", "scale"),
     [
-        ("frequency", "Hz", HERTZ, {"mode": [1, 2, 3]}, HERTZ / 100),
-        ("deflection", "mm", np.array([[1.5, 3.0, -2.0]]), POINTS, 0.1),
+        ("frequency", "Hz", HERTZ, ("mode",), HERTZ / 100),
+        ("deflection", "mm", np.array([[1.5, 3.0, -2.0]]), ("case", "point"), 0.1),
     ],
 )
 def test_all_is_drawn_as_deviation_in_percent_or_in_the_unit(
-    name, unit, measured, coords, scale
+    name, unit, measured, dims, scale
 ):
     initial = measured + scale * np.array([5.0, -3.0, 0.0])
-    idata = made(measured, unit, coords, initial, name)
+    idata = made(measured, unit, dims, initial, name)
     (axes,) = ef.figures.plot_predictive(idata).axes
     scale = scale if unit == "Hz" else 1.0
     for group in ("response", "new_measurement"):
@@ -71,7 +63,7 @@ def test_all_is_drawn_as_deviation_in_percent_or_in_the_unit(
 
 def test_below_stand_mac_and_the_paired_mode():
     mac = 1 - 0.2 * np.random.default_rng(1).random((4, 200, 3))
-    idata = made(HERTZ, "Hz", {"mode": [1, 2, 3]}, 1.05 * HERTZ, mac=mac)
+    idata = made(HERTZ, "Hz", ("mode",), 1.05 * HERTZ, mac=mac)
     _, bottom = ef.figures.plot_predictive(idata).axes
     assert_allclose(drawn_intervals(bottom)[0], intervals(mac), rtol=1e-12)
     for mode, label in zip("234", bottom.get_xticklabels(), strict=True):

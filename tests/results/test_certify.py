@@ -7,21 +7,51 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from scipy import stats
-from support.chains import ar1
-from support.emulated_gaussians import (
-    COVARIANCE,
-    NEAR,
-    SHIFTED,
-    TRUE,
-    LogGaussian,
-    draws,
-    posterior,
-    sampled,
-)
+from support.chains import ar1, backend
 from support.free_posterior import box, free_posterior
 
 import emcee_femu as ef
 from emcee_femu.extensions.emulation.emulated_chain import EmulatedChain
+
+COVARIANCE = np.array([[1.0, 0.6, 0.0], [0.6, 1.0, -0.3], [0.0, -0.3, 1.0]])
+
+
+@dataclasses.dataclass(frozen=True)
+class LogGaussian:
+    """A log density that is pickled, with a level that weights must not depend on."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    level: float = 0.0
+
+    def __call__(self, theta):
+        law = stats.multivariate_normal(self.mean, self.covariance)
+        return self.level + np.atleast_1d(law.logpdf(theta))
+
+
+TRUE = LogGaussian(np.zeros(3), COVARIANCE)
+SHIFTED = LogGaussian(np.array([0.4, 0.2, -0.3]), 1.15 * COVARIANCE, 7.0)
+NEAR = LogGaussian(np.array([0.02, 0.0, -0.02]), 1.02 * COVARIANCE, -5.0)
+
+
+def posterior(law, low=-12.0, high=12.0):
+    """Return a law as a posterior inside a box, uniform prior."""
+    return free_posterior(law, box(low, high, len(law.mean)))
+
+
+def draws(law, n, seed, phi=0.0):
+    """Return an AR(1) chain of a law, ``(n, d)``; independent draws by default."""
+    white = ar1([phi] * len(law.mean), n, 1, seed)[:, 0]
+    return law.mean + white @ np.linalg.cholesky(law.covariance).T
+
+
+def sampled(emulated, theta, walkers=1):
+    """Return the ArviZ object of a run on an emulated posterior with these draws."""
+    rows = emulated(theta).reshape(len(theta) // walkers, walkers, -1)
+    coords = theta.reshape(len(rows), walkers, -1)
+    run = backend(coords, log_prob=rows[..., 0], blobs=rows[..., 1:])
+    return ef.to_inference_data([run], emulated)
+
 
 WIDE_BOX = box(-12.0, 12.0, 3)
 FAR = LogGaussian(np.array([1.6, 0.0, 0.0]), COVARIANCE)

@@ -42,18 +42,12 @@ def test_the_evidence_is_the_exact_one_and_its_error_the_spread(law, seed, steps
 def ladder(log_likelihood, betas=(1.0, 0.5, 0.0), log_prior=-2.0):
     """Return a sampler that stored these log-likelihoods ``(steps, walkers)``."""
     steps, walkers = log_likelihood.shape
-    stored = emcee.backends.Backend()
-    stored.reset(walkers, 1)
-    blobs = np.full((walkers, 2), log_prior)
-    stored.grow(steps, blobs)
-    rng = np.random.default_rng(steps)  # what the chains themselves are judged by
-    for likelihood in log_likelihood:
-        coords = rng.normal(size=(walkers, 1))
-        state = emcee.State(coords, likelihood + log_prior, blobs)
-        stored.save_step(state, np.ones(walkers, bool))
+    # What the chains themselves are judged by.
+    chain = np.random.default_rng(steps).normal(size=(steps, walkers, 1))
+    blobs = np.full((steps, walkers, 2), log_prior)
     move = ef.moves.TemperedMove(ef.DEMCMove(), betas)
     sampler = emcee.EnsembleSampler(walkers, 1, len, moves=move)
-    sampler.backend = stored
+    sampler.backend = backend(chain, None, log_likelihood + log_prior, blobs)
     return sampler
 
 

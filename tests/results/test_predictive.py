@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
-from support.chains import wrap
+from support.chains import by_hand
 
 import emcee_femu as ef
 
@@ -17,29 +17,17 @@ def made(frequency, by=None, drawn=None, **paired):
 
     With a posterior ``by`` there are new measurements too.
     """
-    frequency = np.asarray(frequency, dtype=float)
-    shape, dims = frequency.shape[:2], ("chain", "draw", "mode")
+    shape, groups = frequency.shape[:2], {"response": {"frequency": frequency} | paired}
     drawn = drawn or {"a": np.arange(np.prod(shape), dtype=float)}
     drawn = {name: np.resize(values, shape) for name, values in drawn.items()}
-    modes = np.arange(1, 1 + len(MEASURED))
-    predicted = {"frequency": frequency} | paired
-    groups = {
-        "posterior": {name: (("chain", "draw"), v) for name, v in drawn.items()},
-        "response": {name: (dims, values) for name, values in predicted.items()}
-        | {"mode": np.arange(1, frequency.shape[2] + 1)},
-        "observed_data": {
-            "frequency": ("mode", MEASURED, {"units": "Hz"}),
-            "mode": modes,
-        },
-    }
     if by is not None:
         flat = {name: values.ravel() for name, values in drawn.items()}
         stored = {"frequency": frequency.reshape(-1, frequency.shape[2])}
         new = by.terms[-1].replicate(np.random.default_rng(0), flat, stored)
-        values = new["frequency"].reshape(*shape, -1)
-        groups["new_measurement"] = {"frequency": (dims, values), "mode": modes}
-    sampled = {"sample_dims": ["chain", "draw"]}
-    return wrap({k: {"data_vars": v, "attrs": sampled} for k, v in groups.items()})
+        new = {"frequency": new["frequency"].reshape(*shape, -1)}
+        groups["new_measurement"] = new
+    measured = {"frequency": ("mode", MEASURED, {"units": "Hz"})}
+    return by_hand(drawn, measured=measured, **groups)
 
 
 def posterior(names=("a",), **error):

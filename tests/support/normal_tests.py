@@ -3,7 +3,20 @@
 import numpy as np
 from scipy import stats
 
-from support.repeated import as_idata
+from .chains import by_hand
+
+
+def as_idata(names, theta, lp, log_priors, prior, bounds=None):
+    """Return draws ``(n, d)`` as to_inference_data would; ``log_priors (n, d)``."""
+    ends = np.tile([-np.inf, np.inf], (len(names), 1)) if bounds is None else bounds
+    constants = dict(zip(("prior_mean", "prior_sd"), prior, strict=True))
+    constants |= {"lower": ends[:, 0], "upper": ends[:, 1]}
+    draws, log_prior = (
+        dict(zip(names, columns.T[:, None], strict=True))
+        for columns in (theta, log_priors)
+    )
+    sampled = {"lp": lp[None], "log_prior": log_priors.sum(axis=1)[None]}
+    return by_hand(draws, constants, sample_stats=sampled, log_prior=log_prior)
 
 
 def normal_test(rng, measured, error, prior, number=400, names=None, bounds=None):
