@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 from support.examples import load
-from support.programs import run_example
 
 import emcee_femu as ef
 
@@ -121,7 +120,3 @@ def test_what_cannot_be_read_is_refused(spoil, given, message):
     arguments = {"mass_combo_name": "mass", "mass_direction": "Z", "gravity": 9.81}
     with pytest.raises(ValueError, match=message):
         ef.from_pynite(model, **arguments | given)
-
-
-def test_the_example_of_the_docstring():
-    run_example(ef.from_pynite)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 from support.examples import load
-from support.programs import run_example
 
 import emcee_femu as ef
 
@@ -116,7 +115,3 @@ def test_what_is_not_of_the_basis_is_refused(bend, message):
     K, M, held = bend(K.tocsc(), M.tocsc())
     with pytest.raises(ValueError, match=message):
         ef.from_skfem(basis, K, M, held=held)
-
-
-def test_the_example_of_the_docstring():
-    run_example(ef.from_skfem)

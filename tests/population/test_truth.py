@@ -30,7 +30,7 @@ def at(population, rows):
 
 def test_marginals_are_those_in_closed_form():
     """Priors divided out, densities normalised, each test's weights its own."""
-    tests, measured = many(1, tests=2, number=20_000)
+    tests, measured = many(1, tests=2, number=20_000, width=0.3)
     rows = [[10.0, 5.0, 0.5, 0.5], [10.2, 5.1, 0.3, 0.2], [9.8, 5.2, 0.6, 0.3]]
     rows += [[10.2, 4.9, 1.5, 1.5]]
     pooled = model(tests, PLAIN, 20_000)(at(PLAIN, rows))["log_marginal"]

@@ -97,16 +97,12 @@ class LinearDerived(LinearModel):
 
 
 @dataclass
-class LinearTerm:
+class LinearTerm(ef.likelihoods.term.Term):
     """Independent Gaussian errors of some of the data."""
 
     first: int = 0
     last: int = 4
     sd: float = 0.2
-
-    def __call__(self, parameters, response):
-        r, sd = self.deviations(parameters, response)
-        return -0.5 * ((r / sd) ** 2 + np.log(2 * np.pi * sd**2)).sum(axis=1)
 
     def deviations(self, parameters, response):
         points = slice(self.first, self.last)

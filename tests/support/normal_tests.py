@@ -5,6 +5,8 @@ from scipy import stats
 
 from .chains import by_hand
 
+ERROR = 0.2  # of what was measured
+
 
 def as_idata(names, theta, lp, log_priors, prior, bounds=None):
     """Return draws ``(n, d)`` as to_inference_data would; ``log_priors (n, d)``."""
@@ -38,17 +40,17 @@ def normal_test(rng, measured, error, prior, number=400, names=None, bounds=None
     return as_idata(names, theta, lp, log_priors, prior, bounds)
 
 
-def many(seed, tests=8, mean=(10.0, 5.0), sd=(0.4, 0.2), error=0.2, **options):
+def many(seed, tests=8, mean=(10.0, 5.0), sd=(0.4, 0.2), width=1.0, **options):
     """Return ``{name: ArviZ object}`` and what was measured, ``(tests, d)``.
 
-    ``mean`` may be that of each test.
+    ``mean`` may be that of each test; priors have the standard deviation ``width``.
     """
     rng, mean = np.random.default_rng(seed), np.broadcast_to(mean, (tests, len(sd)))
     theta = rng.normal(mean, sd)
-    measured = theta + error * rng.standard_normal(theta.shape)
-    noise, ones = error**2 * np.eye(len(sd)), np.ones(len(sd))
+    measured = theta + ERROR * rng.standard_normal(theta.shape)
+    noise, wide = ERROR**2 * np.eye(len(sd)), np.full(len(sd), width)
     found = {
-        f"test {t + 1}": normal_test(rng, own, noise, (mean[t] + 0.3, ones), **options)
+        f"test {t + 1}": normal_test(rng, own, noise, (mean[t] + 0.3, wide), **options)
         for t, own in enumerate(measured)
     }
     return found, measured

@@ -22,7 +22,6 @@ from support.few_solves import (
     square,
 )
 from support.pool_problems import forks
-from support.printed import unwrapped
 
 import emcee_femu as ef
 
@@ -69,6 +68,11 @@ def sloped(function, jacobian, prior=PRIOR, term=None):
         lambda p: function(read(p)), variables=term.reads, jacobian=differentiate
     )
     return ef.LogPosterior(model, term, prior)
+
+
+def unwrapped(printed):
+    """Return the lines of a text, those of a wrapped sentence in one."""
+    return str(printed).replace("\n  ", " ")
 
 
 def bent_slopes(x):
