@@ -36,11 +36,7 @@ def test_the_evidence_is_the_mean_of_the_likelihood_over_the_prior():
 
 
 def importance_moments(posterior, pilots, draws, seed):
-    """Return mean, sd and Kish size, from Student-t components fitted to the pilots.
-
-    The pilots only shape the proposal: with any proposal that covers the posterior
-    the weights make the result exact, and a poor one shows in the Kish size.
-    """
+    """Return mean, sd and Kish size; pilots only shape the proposal, of Student-t's."""
     rng = np.random.default_rng(seed)
     scale = np.abs(pilots[0].mean(axis=0))  # areas beside moments of area
     laws = []
