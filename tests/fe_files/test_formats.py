@@ -1,4 +1,7 @@
-"""Files of every format: read back, renamed, cut, damaged."""
+"""Files of every format: read back, renamed, cut, damaged; and of two programs."""
+
+import sys
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -184,3 +187,76 @@ def test_npz_files_that_crash_the_interpreter_are_refused(tmp_path, name):
         sparse.save_npz(path, wrong)
     with pytest.raises(ValueError, match=r"K\.npz"):
         ef.read_matrices({"K": path})
+
+
+def test_abaqus_holds_DOFs_by_1e36(tmp_path):
+    K, M, dofs = cantilever(clamped=False)
+    for row in (0, 1):
+        K[row, :] = K[:, row] = 0.0
+        K[row, row] = 1e36
+    read = ef.read_matrices(write_abaqus(tmp_path, K, M, dofs))
+    np.testing.assert_array_equal(read.nodes, dofs[2:])
+    model = ef.MatrixModel(read.K, read.M, {}, n_modes=3)
+    np.testing.assert_allclose(model({}).frequencies[0], FREQUENCIES, rtol=3e-3)
+    path = write_abaqus(tmp_path, K, M, dofs, "coordinate")
+    with pytest.raises(ValueError, match=r"STIF1.mtx: 2 rows are held .*MATRIX INPUT"):
+        ef.read_matrices(path)
+
+
+def test_abaqus_numbers_inner_nodes_below_zero_and_in_any_order(tmp_path):
+    dofs = DOFS.copy()
+    dofs[4:6, 0] = -3
+    shuffled = np.random.default_rng(1).permutation(len(K))  # each pair stays once
+    both = [A[np.ix_(shuffled, shuffled)] for A in (K, M)]
+    read = ef.read_matrices(write_abaqus(tmp_path, *both, dofs[shuffled]))
+    rows = read.dofs(["13:uz", "-3:uz", "27:ry"])
+    assert rows.tolist() == [2, 0, 15]
+    model = ef.MatrixModel(read.K, read.M, {}, n_modes=3)
+    np.testing.assert_allclose(model({}).frequencies[0], FREQUENCIES, rtol=3e-3)
+
+
+def full_file(folder):
+    path = folder / "file.full"
+    path.write_bytes(np.array([100, -(2**31), 4, 0], "<i4").tobytes() + bytes(400))
+    return path
+
+
+def test_ansys_without_its_reader_is_told_how(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ansys.mapdl.reader", None)
+    with pytest.raises(ImportError, match=r"file\.full.*emcee_femu\[ansys\].*\*EXPORT"):
+        ef.read_matrices(full_file(tmp_path))
+
+
+def test_ansys_files_have_upper_triangles_and_empty_rows_of_held_DOFs(
+    tmp_path, monkeypatch
+):
+    K0, M0, dofs = cantilever(clamped=False)
+    K0[:2], K0[:, :2], M0[:2], M0[:, :2] = 0.0, 0.0, 0.0, 0.0
+    numbered = dofs - [0, 1]
+    triangles = [sparse.csc_matrix(np.triu(A)) for A in (K0, M0)]
+    found = SimpleNamespace(
+        load_km=lambda sort: (numbered, *triangles), const=numbered[:2]
+    )
+    reader = ModuleType("ansys.mapdl.reader")
+    reader.read_binary = lambda path: found
+    monkeypatch.setitem(sys.modules, "ansys.mapdl.reader", reader)
+    for name in ("ansys", "ansys.mapdl"):
+        monkeypatch.setitem(sys.modules, name, ModuleType(name))
+    read = ef.read_matrices(full_file(tmp_path))
+    np.testing.assert_array_equal(read.nodes, DOFS)
+    np.testing.assert_allclose(read.K.toarray(), K)
+    np.testing.assert_allclose(read.M.toarray(), M)
+    found.load_km = lambda sort: 1 / 0
+    with pytest.raises(ValueError, match=r"file\.full: ZeroDivisionError"):
+        ef.read_matrices(full_file(tmp_path))
+
+
+def test_the_beam_that_comes_with_the_reader_of_ansys():
+    pytest.importorskip("ansys.mapdl.reader")
+    from ansys.mapdl.reader import examples
+
+    read = ef.read_matrices(examples.fullfile)
+    assert (read.size, read.dofs("node 22 x")) == (900, 0)
+    clamped = ef.MatrixModel(read.K, read.M, {}, n_modes=6)({}).frequencies[0]
+    free = 11504.895, 20137.193  # of its file.rst: torsion and axial, free at both ends
+    np.testing.assert_allclose(clamped[[2, 5]], np.divide(free, 2), rtol=0.015)

@@ -88,6 +88,24 @@ def test_a_plate_moves_out_of_its_plane():
         assert found[base.dofs(f"{tip}:{dof}")] == pytest.approx(theirs, rel=1e-8)
 
 
+def test_a_uniform_square_plate_has_the_published_frequencies(monkeypatch):
+    page = load("how_to/scikit_fem")
+    for constant, value in (
+        ("LENGTH", 1.0),
+        ("WIDTH", 1.0),
+        ("NU", 0.3),
+        ("N_MODES", 5),
+    ):
+        monkeypatch.setattr(page, constant, value)
+    found = page.frequencies(page.plate(8, 8), dict.fromkeys(page.TRUTH, 1.0))
+    D = page.E * page.THICKNESS**3 / (12 * (1 - page.NU**2))
+    factors = 2 * np.pi * found * np.sqrt(page.RHO * page.THICKNESS / D)
+    # Leissa 1973, doi 10.1016/S0022-460X(73)80371-2: upper bounds by the Ritz method.
+    published = np.array([3.4917, 8.5246, 21.429, 27.331, 31.111])
+    assert (factors < published).all()
+    np.testing.assert_allclose(factors, published, rtol=0.01)
+
+
 def test_names_are_those_by_which_scikit_fem_finds_DOFs():
     """Edges and faces of a solid with other DOFs each."""
     element = skfem.ElementTetN0() * skfem.ElementTetRT0()
