@@ -4,6 +4,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
+from support.gradients import Crossing
 
 import emcee_femu as ef
 from emcee_femu import Measurements, ModalSolution, PairedModel, ShapeTerm
@@ -30,15 +31,11 @@ class Fixed:
         return self.solution
 
 
-def turned(angle):
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s], [s, c]])
-
-
 def test_close_modes_share_their_space_at_the_sensors_that_a_mode_has():
     """As if the sensors that one of the measured modes lacks were no sensors."""
     shapes = random_shapes(5, 1, 8, 4)
-    measured = shapes[0][:, :2] @ turned(0.6)
+    c, s = np.cos(0.6), np.sin(0.6)
+    measured = shapes[0][:, :2] @ [[c, -s], [s, c]]
     measured[3, 1] = np.nan
     model = Fixed([2.0, 2.001, 5.0, 6.0], shapes)
     paired = PairedModel(model, Measurements([2.0, 2.001], measured))({})
@@ -104,9 +101,6 @@ def test_a_mode_without_a_pair_costs_a_finite_penalty():
     np.testing.assert_allclose(by_mode.sum(), two)
 
 
-# --- what was wrong in 0.1.0
-
-
 def test_where_sharing_fades_the_shape_is_weighted_by_the_weakest_link():
     """Three modes at two equal gaps, half-way: each neighbour counts by a half."""
     measured, weights = np.array([0.9, 0.3, 0.3]), np.array([1.0, 0.5, 0.5])
@@ -137,9 +131,6 @@ def test_neighbours_that_drift_apart_take_nothing_with_them(leaving):
     expected = max(mac(fit, measured).item(), alone)
     np.testing.assert_allclose(macs[-1], expected, rtol=1e-10)
     assert np.abs(np.diff(macs)).max() < 0.06
-
-
-# --- sensors among the rows of the shapes
 
 
 def test_sensors_and_dofs_are_matched_in_any_order():
@@ -195,21 +186,6 @@ def test_sensors_that_point_backwards_change_nothing():
     for one, other in zip(*found, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12)
     assert found[0][0].min() > 0.5
-
-
-# --- without measured shapes
-
-
-class Crossing:
-    """Two uncoupled oscillators: their shapes are the two axes."""
-
-    variables = ef.modal_variables(2, range(2))
-
-    def __call__(self, parameters):
-        values = np.column_stack([parameters["a"], parameters["b"]])
-        order = np.argsort(values, axis=1)
-        shapes = np.eye(2)[order].transpose(0, 2, 1)
-        return ModalSolution(np.sort(values, axis=1), shapes)
 
 
 def test_modes_are_followed_by_their_shapes_at_a_reference():

@@ -50,17 +50,12 @@ class Blocks:
         return np.column_stack(values).reshape(n, walkers // len(self.betas), -1)
 
 
-def largest_z(move, target, block=8, ensembles=50, steps=6):
-    n = block * len(move.betas)
-    return exact_start(move, Blocks(target, move.betas), n, ensembles, steps)
-
-
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("inner", INNER)
 def test_every_block_keeps_its_tempered_target(target, inner):
     move, block = INNER[inner]
-    tempered = ef.moves.TemperedMove(move, BETAS)
-    assert largest_z(tempered, TARGETS[target], block, ensembles=50) < LIMIT
+    blocks, n = Blocks(TARGETS[target], BETAS), block * len(BETAS)
+    assert exact_start(ef.moves.TemperedMove(move, BETAS), blocks, n, 50, 6) < LIMIT
 
 
 def test_each_block_accepts_by_its_own_power_of_the_likelihood():
@@ -105,8 +100,6 @@ def test_every_pair_of_blocks_exchanges_by_the_ratio_of_its_likelihoods(betas):
 
 POSTERIOR = ef.paper.mass_spring().posterior
 MOVE = ef.moves.TemperedMove(DEMCMove(), [1.0, 0.2, 0.0])
-
-
 OTHER = ef.moves.TemperedMove(DEMCMove(mode_jump=1.0), [1, 0.3, 0])
 
 
@@ -128,14 +121,12 @@ def test_what_does_not_fit_the_temperatures_is_refused(options, error, named):
         sampler.run_mcmc(np.random.default_rng(1).normal(size=(36, 2)), 1)
 
 
-def cut(parameters, modes):
-    return np.where(parameters["a"] > 0.5, 0.0, -np.inf)
-
-
 def test_zero_likelihood_stays_forbidden_at_beta_zero():
     model = ef.FunctionModel(lambda p: [1.0], n_modes=1)
     prior = ef.IndependentPrior({"a": stats.uniform(0, 1)})
-    posterior = ef.LogPosterior(model, cut, prior)
+    posterior = ef.LogPosterior(
+        model, lambda p, modes: np.where(p["a"] > 0.5, 0.0, -np.inf), prior
+    )
     start = np.random.default_rng(1).random((20, 1)) / 2 + 0.5
     start[[0, 12]] = 0.2  # plain emcee lets walkers start where they may not be
     move = ef.moves.TemperedMove(DEMCMove(), [1.0, 0.0])

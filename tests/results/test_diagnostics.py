@@ -119,16 +119,8 @@ def test_the_bounds_of_the_verdict(
     assert (" steps." in found.chains.sentence) == mended
 
 
-class Square:
-    variables = ef.modal_variables(2)
-
-    def __call__(self, p):
-        rows = np.stack([10 * p["stiff"] ** 2, 20 * p["alpha"]], axis=1)
-        return ef.ModalSolution(rows)
-
-
 POSTERIOR = ef.LogPosterior(
-    Square(),
+    lambda p: ef.ModalSolution(np.stack([10 * p["stiff"] ** 2, 20 * p["alpha"]], 1)),
     ef.FrequencyTerm([10.0, 25.0], beta=1e3),
     ef.GaussianPrior(["stiff", "alpha"], [1.0, 1.2], 0.1, [(0.1, 9.0)] * 2),
 )

@@ -114,15 +114,11 @@ def test_what_no_error_can_be_claimed_of():
     assert np.isfinite(ef.log_evidence(ladder(drift), steps // 2).log_evidence_error)
 
 
-def half_solvable(parameters):
-    """Return a frequency in one half of the unit box, none in the other."""
-    return [1.0 if parameters["a"] < 0.5 else np.nan]
-
-
 @pytest.mark.slow
 def test_the_evidence_is_that_of_the_prior_where_it_can_be_solved():
     """The law where half of the prior fails: a closed form."""
-    law, model = LAWS["bounded"], ef.FunctionModel(half_solvable, n_modes=1)
+    law = LAWS["bounded"]
+    model = ef.FunctionModel(lambda p: [1.0 if p["a"] < 0.5 else np.nan], n_modes=1)
     posterior = ef.LogPosterior(model, law.term, law.posterior.prior)
     reject = {"on_failure": "reject", "max_failures": 0.9}
     runs = tempered(posterior, 16, 1_000, 5, **reject)

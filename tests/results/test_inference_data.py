@@ -356,12 +356,10 @@ def peak_of(function, *arguments, **options):
     return peak, result
 
 
-def model_of_twenty(parameters):
-    return ef.ModalSolution(np.arange(1, 21) + 0.01 * parameters["k"][:, None])
-
-
 TWENTY = ef.LogPosterior(
-    model_of_twenty, ef.FrequencyTerm(np.arange(1, 21), beta=1e2), PRIOR
+    lambda p: ef.ModalSolution(np.arange(1, 21) + 0.01 * p["k"][:, None]),
+    ef.FrequencyTerm(np.arange(1, 21), beta=1e2),
+    PRIOR,
 )
 
 

@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
 from support.chains import by_hand
+from support.gradients import Crossing
 
 import emcee_femu as ef
 
@@ -160,38 +161,24 @@ def test_pairing_table_equals_numbers_by_hand():
         ef.pairing_table(made(np.ones((1, 4, 3))))
 
 
-class Crossing:
-    """Two perpendicular vibrations; which one is lower depends on the parameter."""
-
-    variables = ef.modal_variables(2, dofs=[1, 2])
-    names = ("ratio",)
-
-    def __call__(self, parameters):
-        ratio = parameters["ratio"]
-        first, second = np.full_like(ratio, 10.0), 10 * ratio
-        swapped = (second < first)[:, None, None]
-        shapes = np.where(swapped, [[0.0, 1.0], [1.0, 0.0]], np.eye(2))
-        return ef.ModalSolution(np.sort([first, second], axis=0).T, shapes)
-
-
 def test_tables_of_a_sampled_paired_model_report_its_crossings():
     measured = ef.Measurements([10.0, 10.1], sd=[0.1, 0.2], shapes=np.eye(2))
     model = ef.PairedModel(Crossing(), measured, candidates=2, min_gap=0.0)
-    prior = ef.GaussianPrior(["ratio"], [1.0], [0.1], [(0.5, 1.5)])
+    prior = ef.GaussianPrior(["a", "b"], [10.0, 10.0], [0.5, 1.0], [(5, 15)] * 2)
     target = ef.LogPosterior(model, ef.FrequencyTerm(measured), prior)
     runs = ef.run(target, ef.DEMCMove(), 20, 600, ensembles=1, seed=1)
     idata = ef.to_inference_data(runs, target, discard=100)
-    # ratio ~ N(1, 0.1) and 10 ratio ~ N(10.1, 0.2): conjugate, beyond the bounds nil.
-    precision = 0.1**-2 + 0.02**-2
-    mean, sd = (1.0 * 0.1**-2 + 1.01 * 0.02**-2) / precision, precision**-0.5
-    share = 100 * stats.norm.cdf((1.0 - mean) / sd)
+    # Both are conjugate, and beyond the bounds is nothing.
+    variance = 1 / (prior.sd**-2 + measured.sd**-2)
+    mean = variance * (prior.mean / prior.sd**2 + measured.frequencies / measured.sd**2)
+    share = 100 * stats.norm.cdf((mean[0] - mean[1]) / variance.sum() ** 0.5)
     table = ef.pairing_table(idata)
     assert table.column("model's mode") == ["1", "2", ""]
     assert_allclose(table.column("another in %"), share, atol=4)
     assert_allclose(table.column("MAC")[:2], 1.0, rtol=1e-12)
     predictions = ef.predictive_table(idata, target)
     assert_allclose(predictions.column("sd Hz"), [0.1, 0.2], rtol=1e-9)
-    total = np.array([0.1, np.hypot(10 * sd, 0.2)])
+    total = np.sqrt(variance + measured.sd**2)
     assert_allclose(widths(predictions), WIDTH * total, rtol=0.07)
 
 

@@ -1,5 +1,7 @@
 """All that can be stored in a file and gone on with, of one small posterior."""
 
+from functools import partial
+
 import numpy as np
 
 import emcee_femu as ef
@@ -57,14 +59,6 @@ def sampled(path, posterior=None, moves=None, resume=True, **options):
     return ef.run(posterior or posed(), moves, **REJECT | file | options)
 
 
-def found(path, **options):
-    return sampled(path, moves="auto", **options)
-
-
-def pooled(path, **options):
-    return sampled(path, workers=2, **options)
-
-
 def tempered(path, **options):
     inner = (ef.DEMCMove(), 0.6), (ef.MetropolisMove(sd=0.2), 0.4)
     moves = [(ef.moves.TemperedMove(move, [1.0, 0.3]), share) for move, share in inner]
@@ -84,9 +78,9 @@ def emulated(path, posterior=None, steps=0, resume=True, **options):
 
 KINDS = {
     "chain": sampled,
-    "workers": pooled,
+    "workers": partial(sampled, workers=2),
     "tempered": tempered,
-    "auto": found,
+    "auto": partial(sampled, moves="auto"),
     "anneal": annealed,
     "emulate": emulated,
 }
