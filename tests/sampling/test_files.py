@@ -1,15 +1,10 @@
-"""Runs in files: the bits of one that was never stopped, or a clear refusal.
-
-Nothing here knows the format of a file: chains, searches of "auto", annealings and
-emulations are begun, spoiled and gone on with by public functions only.
-"""
+"""Runs in files: the bits of one that was never stopped, or a clear refusal."""
 
 import importlib.metadata
-import json
 import os
 import random
+import sqlite3
 import threading
-import tracemalloc
 from copy import copy
 
 import emcee
@@ -122,21 +117,16 @@ def test_what_auto_found_is_not_sought_again(whole, path, monkeypatch):
 # --- deaths ------------------------------------------------------------------------
 
 
-def kill(*task):
-    """Return what a process says that lets runs die; see support/killed_runs.py."""
-    program = start_script([TESTS / "support" / "killed_runs.py", json.dumps(task)])
-    shown, errors = program.communicate()
-    assert program.returncode == 0, errors
-    return json.loads(shown.splitlines()[-1])
-
-
 @posix
 @pytest.mark.parametrize(
     "kind", ["chain", *(pytest.param(k, marks=SLOW) for k in ("workers", "auto"))]
 )
 def test_kills_at_random_times_leave_the_bits_of_a_whole_run(path, kind):
     """The law of files: what was stored when a process died is gone on with."""
-    assert kill("random_kills", kind, str(path), 5) >= 2
+    program = start_script([TESTS / "support" / "killed_runs.py", kind, path])
+    shown, errors = program.communicate()
+    assert program.returncode == 0, errors
+    assert int(shown.splitlines()[-1]) >= 2
 
 
 # Pages of the file are written before the record is complete, as of a large one.
@@ -161,12 +151,26 @@ def test_a_file_whose_writer_died_in_a_record_is_read_as_before_it(whole, path):
     assert str(ef.diagnose(path)) == told
 
 
-@SLOW
-@posix
 @pytest.mark.parametrize("kind", ["tempered", "anneal"])
-def test_a_full_disk_is_named_and_loses_nothing(path, kind):
+def test_a_full_disk_is_named_and_loses_nothing(whole, path, kind, monkeypatch):
     """The law of a transaction: a write that finds no room leaves what was there."""
-    assert kill("full_disks", kind, str(path), 3) == 3
+    _, expected, content = whole(kind)
+    connect = sqlite3.connect
+
+    def cramped(*arguments, **options):
+        file = connect(*arguments, **options)
+        file.execute(f"PRAGMA max_page_count = {pages}")
+        return file
+
+    for share in (0.0, 0.3, 0.6):
+        pages = 1 + int(share * len(content) / 4096)
+        with monkeypatch.context() as patch:
+            patch.setattr(sqlite3, "connect", cramped)
+            with pytest.raises(OSError, match=path.name):
+                KINDS[kind](path)
+        assert bits(KINDS[kind](path)) == expected
+        assert os.listdir(path.parent) == [path.name]
+        path.unlink()
 
 
 # --- damage ------------------------------------------------------------------------
@@ -238,8 +242,6 @@ def test_nothing_is_written_or_solved_for_a_run_that_is_refused(path):
     with pytest.raises(ValueError, match="steps.*3"):
         sampled(path, steps=2)
 
-
-# --- another run -------------------------------------------------------------------
 
 LAWS = {"a": stats.norm(0, 1), "b": stats.uniform(-3, 6)}
 STARTS = [0.3 * posed().start(12, seed=seed) for seed in (1, 2)]
@@ -372,9 +374,6 @@ def test_a_model_that_fails_now_or_is_not_deterministic_is_told_apart(path, coun
     sampled(path, steps=22, probe_tolerance=1.0)
 
 
-# --- failures, folders and memory --------------------------------------------------
-
-
 def test_the_counts_of_failures_and_their_limit_go_on_after_a_resume(path):
     whole = sampled(None, steps=30)
     total, causes = failures(whole)
@@ -395,18 +394,6 @@ def test_what_a_failure_stopped_goes_on_with_reject(path, kind):
     with pytest.raises(ArithmeticError):
         kind(path, on_failure="raise", **options)
     assert bits(kind(path, **options)) == bits(kind(None, **options))
-
-
-def test_memory_does_not_hold_the_steps(path):
-    posterior = ef.paper.mass_spring().posterior
-    options = {"nwalkers": 200, "ensembles": 1}
-    sampled(path, posterior, steps=1, **options)
-    tracemalloc.start()
-    (sampler,) = sampled(path, posterior, steps=40, **options)
-    grown, _ = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    stored = sampler.get_chain().nbytes + sampler.get_blobs().nbytes
-    assert grown < stored / 4
 
 
 def test_the_keyboard_is_told_where_the_run_is_and_one_just_begun_has_no_chain(path):
