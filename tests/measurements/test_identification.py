@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.contracts import assert_shapes
 from support.universal_file import LABELS, NODES, F, X, Y, Z, a_mode
 
 from emcee_femu import Measurements
@@ -83,8 +84,7 @@ def test_complex_modes(kind, pyuff, write):
         assert "30 %" in said[1]
     np.testing.assert_allclose(m.frequencies, F, rtol=2e-5)
     np.testing.assert_allclose(m.phase_collinearity, 1, rtol=1e-9)
-    signs = np.sign((m.shapes * ROWS).sum(axis=0))
-    np.testing.assert_allclose(m.shapes * signs, ROWS, rtol=0, atol=1e-5)
+    assert_shapes(m.shapes, ROWS, atol=1e-5)
 
 
 def test_damping_is_read_where_it_is_stated_and_is_half_the_hysteretic_one(

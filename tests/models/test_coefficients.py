@@ -84,7 +84,8 @@ def test_static_models_take_them():
 
 def test_the_flexibility_of_frfs_takes_them():
     options = {"damping": 0.01, "residual": True}
-    frf = ef.frf.FRFModel(plate(shapes=True), [0.01, 0.02], [(2, 5)], **options)
+    named = plate(shapes={"left": 2, "right": 5})
+    frf = ef.frf.FRFModel(named, [0.01, 0.02], [("left", "right")], **options)
     first = {name: value[:1] for name, value in AT.items()}
     E, t, rho, k = (value[0] for value in AT.values())
     K = E * t**3 * BENDING + E * t * MEMBRANE + k * SUPPORT

@@ -49,6 +49,12 @@ def assert_model(model, parameters, rtol=1e-9):
         np.testing.assert_allclose(single, value, rtol, atol, err_msg=f"{name}, alone")
 
 
+def assert_shapes(found, expected, rtol=0.0, atol=0.0):
+    """Compare shapes ``(..., sensors, modes)`` but for their signs."""
+    signs = np.sign((found * expected).sum(axis=-2, keepdims=True))
+    np.testing.assert_allclose(found * signs, expected, rtol, atol)
+
+
 def assert_term(term, parameters, response, expected, rtol=1e-9):
     """The log-likelihood is the expected one but for a constant, and its parts fit it.
 
