@@ -358,7 +358,8 @@ if __name__ == "__main__":
                 pass  # until both have begun
             pool_problems.run(pool_problems.stuck, pool=pool)
     except KeyboardInterrupt as error:
-        print("kept", error.run[0].iteration > 0)
+        print("kept", error.run[0].iteration > 0, multiprocessing.active_children())
+        print(pool_problems.sample(steps=2, workers=2)[0].iteration)  # it works again
 """
 
 
@@ -368,7 +369,7 @@ if __name__ == "__main__":
     [
         ("workers", KILL, ""),
         pytest.param("executor", signal.SIGTERM, "", marks=SLOW),
-        pytest.param("workers", signal.SIGINT, "kept True\n", marks=posix),
+        pytest.param("workers", signal.SIGINT, "kept True []\n2\n", marks=posix),
     ],
 )
 def test_no_process_outlives_a_killed_run(tmp_path, name, mine, kind, expected):
@@ -382,5 +383,6 @@ def test_no_process_outlives_a_killed_run(tmp_path, name, mine, kind, expected):
     else:
         process.send_signal(kind)
     # This waits for every process that can write to the pipe, and so for the workers.
-    shown, _ = process.communicate(timeout=HANGS)  # half of what the solve takes
+    shown, said = process.communicate(timeout=HANGS)  # half of what the solve takes
     assert shown.replace("working\n", "") == expected
+    assert said == "" or name != "fork"  # Ctrl-C is the run's business alone
