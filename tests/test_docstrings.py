@@ -1,7 +1,4 @@
-"""Every public name says what it takes, returns and raises, and shows how it is used.
-
-Sphinx makes the reference of the API from these docstrings.
-"""
+"""Every public name says what it takes, returns, raises, and shows how it is used."""
 
 import ast
 import builtins

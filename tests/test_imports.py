@@ -1,7 +1,4 @@
-"""Two rings and their rules (CONTRIBUTING.md), and importing stays light.
-
-All imports count: those under TYPE_CHECKING and inside functions, too.
-"""
+"""Two rings and their rules (CONTRIBUTING.md), and importing stays light."""
 
 import ast
 import re

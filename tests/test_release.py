@@ -25,10 +25,7 @@ def load(name):
 
 
 def sections():
-    """Return versions and dates of the changelog, newest first.
-
-    What comes next, "0.4.0 (not released)", has no brackets yet.
-    """
+    """Return versions and dates of the changelog, newest first, without the next."""
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     return [line.split(" - ") for line in re.findall(r"^## (\[.+)", text, re.M)]
 

@@ -32,10 +32,7 @@ def cut(path, text, step, tail, read):
 
 
 def cells(text):
-    """Return the cells below the titles, and how often each is there.
-
-    A missing sensor is blank, or "nan".
-    """
+    """Return how often each filled cell below the titles is there."""
     rows = [*csv.reader(text.splitlines())][1:]
     filled = [c for row in rows for c in row if c.strip("-") not in ("", "nan")]
     return Counter(c.removesuffix("0").removesuffix(".") for c in filled)

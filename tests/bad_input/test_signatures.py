@@ -1,7 +1,4 @@
-"""Arguments are thrown the mistakes of their kind: refused by name, never repaired.
-
-The table has the calls that users write most. A new public name needs no entry.
-"""
+"""Mistakes in the calls that users write most are refused by name, never repaired."""
 
 from functools import partial
 

@@ -1,7 +1,4 @@
-"""The driver of CalculiX, by programs of one line of shell; and the program itself.
-
-What needs CalculiX is skipped where there is none, and says so.
-"""
+"""The driver of CalculiX, by programs of one line of shell; and the program itself."""
 
 import os
 import re

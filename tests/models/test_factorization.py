@@ -146,9 +146,6 @@ def test_models_refuse_alike_with_either_solver(solver):
         ef.MatrixModel(K, sparse.csc_array(off + sparse.eye_array(210)), {}, n_modes=2)
 
 
-# --- PARDISO's memory, threads and processes
-
-
 def test_memory_lasts_as_long_as_a_solve(pardiso):
     (model, _), K = sprung(40), membrane(40)[0]
 

@@ -128,9 +128,6 @@ def test_derivatives_are_those_of_differences(case):
     assert_jacobian(model, parameters, step)
 
 
-# --- modes that coincide
-
-
 def twins(kind, n_modes, tied, size=30):
     """Two equal chains side by side: all their modes are double."""
     one, zero = sum(chain(size).values()), np.zeros((size, size))

@@ -13,10 +13,7 @@ TARGETS = {"gaussian": Gaussian, "bounded": BoundedTriangle}
 
 
 def wrong(target, bounded=True):
-    """Return a cheap log-density that is shifted, too wide and skew.
-
-    That of a Gaussian falls off as it does; another has the target's bounds if asked.
-    """
+    """Return a cheap log-density: shifted, too wide, skew, perhaps without bounds."""
 
     def cheap(theta):
         x = theta / target.scale
@@ -75,10 +72,7 @@ def test_the_target_is_exact_at_high_power(case):
 
 
 def stepped(move, target, generations=1, state=None):
-    """Move twelve walkers; return their state, and how many each solve was of.
-
-    The rows of the state are held to those of the target.
-    """
+    """Move twelve walkers; return their state, and how many each solve was of."""
 
     def full(theta):
         solved.append(len(theta))

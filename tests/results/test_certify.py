@@ -73,9 +73,6 @@ def exact():
     return certify(TRUE)
 
 
-# --- moments and their errors -----------------------------------------------------
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("emulated", "true", "phi"),
@@ -190,9 +187,6 @@ def test_corrected_means_lie_inside_the_bounds():
     assert 0 < outside < 4
 
 
-# --- the verdict --------------------------------------------------------------------
-
-
 UNEQUAL = {"efficiency": 0.6, "pareto_k": 0.9}
 LIGHT = {"pareto_k": 0.1, "effective": 40.0}
 
@@ -265,9 +259,6 @@ def test_draws_that_press_against_a_bound_of_the_emulator_are_refused():
     assert ef.certify(idata, emulated, seed=1).short == "certified"
 
 
-# --- what the draws lack ------------------------------------------------------------
-
-
 def two_modes(share, variance=0.25):
     """Return a law in the box with two modes, far from each other."""
 
@@ -329,9 +320,6 @@ def test_a_stiffness_over_decades_is_climbed_by_its_logarithm():
         refused += [again.verdict] if again.short == "refused" else []
     assert len(refused) >= 2  # by two climbs each
     assert all("s = 30" in verdict for verdict in refused)
-
-
-# --- solves that fail, files, pools -------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -52,10 +52,7 @@ def ladder(log_likelihood, betas=(1.0, 0.5, 0.0), log_prior=-2.0):
 
 
 def independent(steps=1_000, seed=1, apart=0.0):
-    """Return log-likelihoods of three rungs, whose laws are those of one Gaussian.
-
-    With N(-2, 2) at beta = 0 they are N(-2 + 2 beta, 2): the evidence is exp(-1).
-    """
+    """Return log-likelihoods N(-2 + 2 beta, 2) of three rungs, of evidence exp(-1)."""
     values = np.random.default_rng(seed).normal(size=(steps, 3, 5)) * np.sqrt(2)
     centres = np.array([0.0, -1.0, -2.0]) + apart * np.array([2.0, 1.0, 0.0])
     return (values + centres[:, None]).reshape(steps, -1)

@@ -14,10 +14,7 @@ WIDTH = 2 * stats.norm.ppf(0.975)
 
 
 def made(frequency, by=None, drawn=None, **paired):
-    """Return what to_inference_data would, from arrays ``(chain, draw, mode)``.
-
-    With a posterior ``by`` there are new measurements too.
-    """
+    """Return draws ``(chain, draw, mode)``, and new measurements ``by`` a posterior."""
     shape, groups = frequency.shape[:2], {"response": {"frequency": frequency} | paired}
     drawn = drawn or {"a": np.arange(np.prod(shape), dtype=float)}
     drawn = {name: np.resize(values, shape) for name, values in drawn.items()}

@@ -72,9 +72,6 @@ def whole(tmp_path_factory):
     return run
 
 
-# --- the bits of a run that was never stopped --------------------------------------
-
-
 @every_kind
 def test_stopped_anywhere_it_goes_on_to_the_same_bits(whole, path, kind):
     calls, expected, _ = whole(kind)
@@ -112,9 +109,6 @@ def test_what_auto_found_is_not_sought_again(whole, path, monkeypatch):
     monkeypatch.setattr("emcee_femu.sampling.auto.FEWEST_SEARCHED", 500)
     with pytest.raises(ValueError, match="search.*run.stored"):
         sampled(path, moves="auto")
-
-
-# --- deaths ------------------------------------------------------------------------
 
 
 @posix
@@ -171,9 +165,6 @@ def test_a_full_disk_is_named_and_loses_nothing(whole, path, kind, monkeypatch):
         assert bits(KINDS[kind](path)) == expected
         assert os.listdir(path.parent) == [path.name]
         path.unlink()
-
-
-# --- damage ------------------------------------------------------------------------
 
 
 @pytest.mark.filterwarnings("ignore:.*run.stored")  # of a last record that is lost
@@ -341,9 +332,6 @@ def test_another_version_of_a_library_is_warned_of(path, monkeypatch):
         sampled(path, steps=3)
 
 
-# --- another model, which no look at its code would tell ---------------------------
-
-
 @pytest.mark.parametrize("kind", ["chain", "auto", "anneal", FITTED])
 def test_a_model_that_changed_is_found_in_any_file(whole, path, count, kind):
     _, expected, content = whole(kind)
@@ -394,6 +382,11 @@ def test_what_a_failure_stopped_goes_on_with_reject(path, kind):
     with pytest.raises(ArithmeticError):
         kind(path, on_failure="raise", **options)
     assert bits(kind(path, **options)) == bits(kind(None, **options))
+    if kind is annealed:
+        result = kind(path)
+        assert result.failed_solves > 0 and (result.theta[:, 0] <= 1.5).all()
+        with pytest.raises(RuntimeError, match="max_failures"):
+            kind(None, max_failures=0.001)
 
 
 def test_the_keyboard_is_told_where_the_run_is_and_one_just_begun_has_no_chain(path):

@@ -52,9 +52,6 @@ def serial():
     return sample()
 
 
-# --- the same chain ---------------------------------------------------------------
-
-
 @forks
 @pytest.mark.parametrize("name", ["fork", "threads", "thread pool", spawn])
 def test_every_executor_gives_the_serial_chain_and_a_closed_one_says_so(serial, name):
@@ -104,9 +101,6 @@ def test_the_number_of_workers_changes_nothing(method):
     first, three = (sample(posterior=posterior, steps=5, workers=n) for n in (1, 3))
     assert_same(first, three)
     agree(first, sample(posterior=posterior, steps=5))
-
-
-# --- ensembles together -----------------------------------------------------------
 
 
 def in_step(solver):
@@ -175,9 +169,6 @@ def test_an_error_in_one_ensemble_ends_all_and_keeps_their_samples():
     assert [one.iteration for one in caught.value.run] == stored
 
 
-# --- what travels -----------------------------------------------------------------
-
-
 class Ballast:
     """A log-density with a megabyte to carry, and perhaps something else."""
 
@@ -229,9 +220,6 @@ def test_forked_processes_inherit_what_cannot_be_pickled_beside_threads(tmp_path
         # Python 3.12 and newer warn of forks beside threads.
         assert not [warning for warning in shown if "fork" in str(warning.message)]
     agree(pooled, sample(posterior=posterior, steps=8))
-
-
-# --- what goes wrong --------------------------------------------------------------
 
 
 @forks
@@ -302,9 +290,6 @@ def test_a_pool_that_waits_for_ever_for_the_dead_is_refused_with_a_remedy():
         for call in (EvaluationPool, sample):
             with pytest.raises(TypeError, match="^pool.*workers=.*ProcessPoolExecutor"):
                 call(pool)
-
-
-# --- scripts ----------------------------------------------------------------------
 
 
 UNGUARDED = """

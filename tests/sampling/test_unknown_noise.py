@@ -32,10 +32,7 @@ def posterior_of(names, law, modes):
 
 
 def exact_sds(names, law, repeats):
-    """Return standard deviations: given the noise, frequencies are cut normals.
-
-    Each of them may have been measured several times, with one result.
-    """
+    """Return standard deviations: given the noise, frequencies are cut normals."""
     noise = law.ppf((np.arange(4_000) + 0.5) / 4_000)
     cut = []
     for name in names:

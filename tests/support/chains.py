@@ -34,8 +34,7 @@ def ar1(phis, steps, walkers, seed, mean=0.0, sd=1.0):
 def switching(share, stay, steps, walkers, seed):
     """Return ``(steps, walkers)`` of zeros and ones, ones for ``share`` of the time.
 
-    Every walker draws anew with probability ``1 - stay``: tau is
-    ``(1 + stay) / (1 - stay)``.
+    A walker draws anew with probability ``1 - stay``: tau is (1 + stay) / (1 - stay).
     """
     rng = np.random.default_rng(seed)
     states = rng.random((steps, walkers)) < share
@@ -83,10 +82,7 @@ def by_hand(draws, constants=None, measured=None, dims=("mode",), **groups):
 
 
 def as_arviz(backends, **attrs):
-    """Return backends of one posterior as ``to_inference_data`` converts a run.
-
-    ``attrs`` are what it knows, such as what "auto" found, as JSON.
-    """
+    """Return backends of one posterior as an object that knows ``attrs``, as JSON."""
     chain = np.concatenate([b.get_chain().swapaxes(0, 1) for b in backends])
     log_prob = np.concatenate([b.get_log_prob().T for b in backends])
     draws = {f"theta{i + 1}": x for i, x in enumerate(np.moveaxis(chain, 2, 0))}

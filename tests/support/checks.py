@@ -76,8 +76,7 @@ class BoundedTriangle:
 def exact_start(move, target, nwalkers, ensembles=120, steps=12, seed=0):
     """Return the largest |z| of the target's statistics after a few steps.
 
-    It is infinite if the state does not hold the rows of its coordinates, where the
-    target returns rows, as a posterior does, but for rounding.
+    It is infinite if the state does not hold the rows that the target returns.
     """
     rng = np.random.default_rng(seed)
     random = np.random.RandomState(seed + 1)

@@ -34,10 +34,9 @@ def assert_jacobian(
 ):
     """The response is that of a call, its derivatives are those of differences.
 
-    Those of a row are the same alone and in a batch, to a share of ``alone_to``.
     Errors are shares of the largest derivative by the parameter, or by any where all
-    have one unit and one size (``alike``). A parameter that has no derivative changes
-    nothing.
+    have one unit and one size (``alike``); those of a row alone and in a batch differ
+    by less than ``alone_to``. A parameter without a derivative changes nothing.
     """
     response, derivatives = model.jacobian(parameters)
     called = model(parameters)

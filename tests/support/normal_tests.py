@@ -24,8 +24,7 @@ def as_idata(names, theta, lp, log_priors, prior, bounds=None):
 def normal_test(rng, measured, error, prior, number=400, names=None, bounds=None):
     """Return the ArviZ object of ``measured = theta + error``, drawn exactly.
 
-    ``error`` is a covariance, ``prior`` mean and standard deviation of a normal one;
-    bounds are stated, and cut nothing.
+    ``prior`` are mean and standard deviation; bounds are stated, and cut nothing.
     """
     mean, sd = map(np.asarray, prior)
     d = len(measured)

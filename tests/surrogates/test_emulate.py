@@ -80,9 +80,6 @@ def bent_slopes(x):
     return DESIGN + np.column_stack([steep, np.zeros(3)])
 
 
-# --- what it finds ----------------------------------------------------------------
-
-
 @pytest.mark.parametrize("derivatives", [pytest.param(False, marks=SLOW), True])
 def test_a_conjugate_posterior_is_known_exactly_after_two_batches(derivatives):
     posterior = sloped(linear, lambda x: DESIGN) if derivatives else posed(linear)
@@ -183,8 +180,6 @@ def test_modes_that_are_paired_are_emulated_in_units_of_their_errors():
     assert_array_equal(sent(theta), emulated.posterior(theta))
 
 
-# --- thin and sharp posteriors ------------------------------------------------------
-
 TRUTH = {"E": 1.1, "t": 1.025, "k": 1.16}
 SLAB_BOUNDS = [(0.5, 1.5), (0.7, 1.3), (0.15, 2.5)]
 SLAB_PRIOR = ef.GaussianPrior([*TRUTH], np.ones(3), [0.13, 0.05, 0.33], SLAB_BOUNDS)
@@ -264,9 +259,6 @@ def test_a_sharp_posterior_is_reached_in_stages():
     assert (full - emulated.posterior(theta)[:, 0]).std() < 0.2
 
 
-# --- logarithms and coordinates -----------------------------------------------------
-
-
 @pytest.mark.parametrize("function", [np.log, pytest.param(np.array, marks=SLOW)])
 def test_logarithms_are_taken_where_they_leave_smaller_errors(function):
     """Of values and derivatives."""
@@ -298,9 +290,6 @@ def test_a_parameter_is_seen_by_itself_however_the_draws_lie():
     wrong = emulated(dict(zip("ab", theta.T, strict=True)))["y"][:, 1]
     wrong = wrong - [waving(x)[1] for x in theta]
     assert np.sqrt((wrong**2).mean()) < 0.1
-
-
-# --- where and how long it solves -------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -403,9 +392,6 @@ def test_a_round_is_as_wide_as_the_pool_and_files_go_on(tmp_path):
     theta = PRIOR.sample(np.random.default_rng(1), 5)
     assert here.solves == there.solves
     assert_allclose(there.posterior(theta), here.posterior(theta), rtol=1e-6)
-
-
-# --- derivatives ----------------------------------------------------------------------
 
 
 @SLOW
