@@ -5,6 +5,7 @@ import os
 import random
 import sqlite3
 import threading
+from contextlib import closing
 from copy import copy
 
 import emcee
@@ -185,6 +186,21 @@ def test_damage_is_refused_by_the_files_name_or_matters_to_nothing(whole, path, 
             assert path.name in str(error)
             refused.append(len(part))
     assert 40 in refused and len(content) in refused
+
+
+@pytest.mark.parametrize("column", ["stream", "number", "points", "content"])
+def test_a_missing_number_is_damage(whole, path, column):
+    path.write_bytes(whole("chain")[2])
+    with closing(sqlite3.connect(path)) as file, file:
+        file.execute(f"UPDATE record SET {column} = NULL WHERE number = 3")
+    with pytest.raises(ValueError, match="run.stored .*damaged"):
+        ef.diagnose(path)
+
+
+def test_a_file_that_is_not_there_is_no_damaged_one(path):
+    with pytest.raises(ValueError, match="no file .*run.stored"):
+        ef.diagnose(str(path))
+    assert not path.exists()
 
 
 @every_kind
