@@ -3,6 +3,7 @@
 import emcee
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy import stats
 from support.tempered_laws import GaussianLaw
 
@@ -90,6 +91,4 @@ def test_h_structure_with_the_implied_beta_agrees_with_importance_sampling():
         assert (np.abs(values.mean(axis=(0, 1)) - expected) < 4 * error).all()
         assert error.max() < 0.2
     # A local mode at A3 = 4.9e-4 with a mass near 2e-4 would make the last one 3.1.
-    np.testing.assert_allclose(
-        100 * sd / mean, [35.5, 4.3, 29.5, 1.8, 2.25, 2.9], rtol=0.08
-    )
+    assert_allclose(100 * sd / mean, [35.5, 4.3, 29.5, 1.8, 2.25, 2.9], rtol=0.08)

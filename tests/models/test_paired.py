@@ -4,6 +4,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from support.gradients import Crossing
 
 import emcee_femu as ef
@@ -39,14 +40,12 @@ def test_close_modes_share_their_space_at_the_sensors_that_a_mode_has():
     measured[3, 1] = np.nan
     model = Fixed([2.0, 2.001, 5.0, 6.0], shapes)
     paired = PairedModel(model, Measurements([2.0, 2.001], measured))({})
-    np.testing.assert_allclose(paired.mac, 1.0, rtol=1e-9)
+    assert_allclose(paired.mac, 1.0, rtol=1e-9)
     there = np.arange(8) != 3
     model = Fixed([2.0, 2.001, 5.0, 6.0], shapes[:, there])
     fewer = PairedModel(model, Measurements([2.0, 2.001], measured[there]))({})
-    np.testing.assert_allclose(paired.mac[:, 1], fewer.mac[:, 1], rtol=1e-12)
-    np.testing.assert_allclose(
-        paired.shapes[0, there, 1], fewer.shapes[0, :, 1], rtol=1e-9
-    )
+    assert_allclose(paired.mac[:, 1], fewer.mac[:, 1], rtol=1e-12)
+    assert_allclose(paired.shapes[0, there, 1], fewer.shapes[0, :, 1], rtol=1e-9)
 
 
 def test_the_pairs_are_the_best_of_all_one_to_one_choices():
@@ -58,10 +57,10 @@ def test_the_pairs_are_the_best_of_all_one_to_one_choices():
     for row in range(200):
         score = mac(measured, shapes[row])
         best = choices[score[range(3), choices].sum(axis=1).argmax()]
-        np.testing.assert_array_equal(pairing.model_mode[row], best + 1)
-        np.testing.assert_array_equal(pairing.frequencies[row], best + 1)
-        np.testing.assert_array_equal(pairing.shapes[row], shapes[row][:, best])
-        np.testing.assert_allclose(pairing.mac[row], score[range(3), best], rtol=1e-9)
+        assert_array_equal(pairing.model_mode[row], best + 1)
+        assert_array_equal(pairing.frequencies[row], best + 1)
+        assert_array_equal(pairing.shapes[row], shapes[row][:, best])
+        assert_allclose(pairing.mac[row], score[range(3), best], rtol=1e-9)
         greedy += (score.argmax(axis=1) != best).any()
     assert greedy  # some needed more than the maximum
 
@@ -73,13 +72,13 @@ def test_a_cluster_of_three_spans_its_subspace_and_no_more():
     test = Measurements([1, 2, 3], shapes=np.column_stack([measured, outside]))
     model = Fixed([1.0, 2.0, 2.01, 2.02, 3.0], shapes[None])
     macs = PairedModel(model, test, candidates=5)({}).mac[0]
-    np.testing.assert_allclose(macs[:2], 1.0, rtol=1e-12)
+    assert_allclose(macs[:2], 1.0, rtol=1e-12)
     fit = shapes[:, 1:4] @ np.linalg.lstsq(shapes[:, 1:4], outside)[0]
     cosine = (fit @ outside) ** 2 / (fit @ fit) / (outside @ outside)
-    np.testing.assert_allclose(macs[2], cosine, rtol=1e-10)
+    assert_allclose(macs[2], cosine, rtol=1e-10)
     alone = PairedModel(model, test, candidates=5, min_gap=0.0)({})
     expected = mac(test.shapes, shapes)[range(3), alone.model_mode[0] - 1]
-    np.testing.assert_allclose(alone.mac[0], expected, rtol=1e-10)
+    assert_allclose(alone.mac[0], expected, rtol=1e-10)
 
 
 def test_a_mode_without_a_pair_costs_a_finite_penalty():
@@ -88,17 +87,17 @@ def test_a_mode_without_a_pair_costs_a_finite_penalty():
     test = Measurements([1.0, 2.0], sd=[0.1, 0.1], shapes=shapes)
     paired = PairedModel(Fixed([1.0, 2.0, 3.0, 4.0], np.eye(4)[None]), test)({})
     assert paired.unpaired.tolist() == [[False, True]]
-    np.testing.assert_allclose(paired.mac, [[1.0, 0.25]])
+    assert_allclose(paired.mac, [[1.0, 0.25]])
     term, neither = ef.FrequencyTerm(test), np.array([[True, True]])
     both = paired._replace(unpaired=neither)
     none, one, two = (
         term({}, each)[0] for each in (ModalSolution(paired.frequencies), paired, both)
     )
-    np.testing.assert_allclose(none - one, one - two)
+    assert_allclose(none - one, one - two)
     assert 1 < none - one < np.inf
     stored = {"frequency": paired.frequency, "unpaired": neither.astype(float)}
     by_mode = term.pointwise({}, stored)["frequency"]
-    np.testing.assert_allclose(by_mode.sum(), two)
+    assert_allclose(by_mode.sum(), two)
 
 
 def test_where_sharing_fades_the_shape_is_weighted_by_the_weakest_link():
@@ -109,9 +108,9 @@ def test_where_sharing_fades_the_shape_is_weighted_by_the_weakest_link():
         {}
     )
     expected = mac(measured[:, None], (weights * measured)[:, None]).item()
-    np.testing.assert_allclose(paired.mac, [[expected]], rtol=1e-12)
+    assert_allclose(paired.mac, [[expected]], rtol=1e-12)
     found = paired.shapes[0, :, 0]
-    np.testing.assert_allclose(found / found[0], weights * measured / 0.9, rtol=1e-12)
+    assert_allclose(found / found[0], weights * measured / 0.9, rtol=1e-12)
 
 
 @pytest.mark.parametrize("leaving", [0, 2])
@@ -124,12 +123,12 @@ def test_neighbours_that_drift_apart_take_nothing_with_them(leaving):
         ratios = [1.001, 1 + gap] if leaving else [1 + gap, 1.001]
         model = Fixed(np.cumprod([1.0, *ratios]), shapes)
         macs.append(PairedModel(model, test, candidates=3)({}).mac[0, 0])
-    np.testing.assert_allclose(macs[0], 1.0, rtol=1e-12)  # in the span of all three
+    assert_allclose(macs[0], 1.0, rtol=1e-12)  # in the span of all three
     pair = np.delete(shapes[0], leaving, axis=1)
     fit = pair @ np.linalg.lstsq(pair, measured)[0]
     alone = mac(measured, shapes[0][:, [leaving]]).item()
     expected = max(mac(fit, measured).item(), alone)
-    np.testing.assert_allclose(macs[-1], expected, rtol=1e-10)
+    assert_allclose(macs[-1], expected, rtol=1e-10)
     assert np.abs(np.diff(macs)).max() < 0.06
 
 
@@ -144,7 +143,7 @@ def test_sensors_and_dofs_are_matched_in_any_order():
     test = Measurements(frequencies[:2], shapes=shapes[[3, 1]][:, :2], dofs=[3, 1])
     for dofs in (True, [1, 3], [3, 1], [3, 0, 1]):
         paired = PairedModel(model(dofs), test)(at)
-        np.testing.assert_allclose(paired.mac, 1.0, rtol=1e-12)
+        assert_allclose(paired.mac, 1.0, rtol=1e-12)
     with pytest.raises(ValueError, match=r"^dofs: .* sensors at \[3\]"):
         PairedModel(model([0, 1]), test)
 
@@ -158,7 +157,7 @@ def test_rows_of_a_model_that_does_not_name_them():
         return PairedModel(lambda _: modes, test, candidates=3)({})
 
     for dofs, rows in ((order, order), (None, range(4)), ([7, 8, 9, 11], range(4))):
-        np.testing.assert_allclose(paired(dofs, rows).mac, 1.0, rtol=1e-12)
+        assert_allclose(paired(dofs, rows).mac, 1.0, rtol=1e-12)
     for dofs, rows, message in (
         ([1, 0, 2, 3], [1, 0, 2, 3], "another order"),
         (None, order, r"the rows of 2 .* give Measurements\(dofs="),
@@ -184,7 +183,7 @@ def test_sensors_that_point_backwards_change_nothing():
         paired = PairedModel(model, test, candidates=4)(parameters)
         found.append((paired.mac, ShapeTerm(test, delta=0.1)({}, paired)))
     for one, other in zip(*found, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-12)
+        assert_allclose(one, other, rtol=1e-12)
     assert found[0][0].min() > 0.5
 
 
@@ -196,14 +195,14 @@ def test_modes_are_followed_by_their_shapes_at_a_reference():
     a = np.array([9.0, 11.0])
     for model in (paired, PairedModel(Crossing(), given, candidates=2)):
         found = model({"a": a, "b": np.array([10.0, 10.0])})
-        np.testing.assert_array_equal(found.frequencies, [[9.0, 10.0], [11.0, 10.0]])
-        np.testing.assert_array_equal(found.model_mode, [[1, 2], [2, 1]])
+        assert_array_equal(found.frequencies, [[9.0, 10.0], [11.0, 10.0]])
+        assert_array_equal(found.model_mode, [[1, 2], [2, 1]])
     swapped = PairedModel(
         Crossing(), [10.0, 10.5], reference={"a": 11.0, "b": 9.0}, candidates=2
     )
     found = swapped({"a": np.array([9.0]), "b": np.array([10.0])})
-    np.testing.assert_array_equal(found.frequencies, [[10.0, 9.0]])
-    np.testing.assert_array_equal(paired.measurements.sd, test.sd)
+    assert_array_equal(found.frequencies, [[10.0, 9.0]])
+    assert_array_equal(paired.measurements.sd, test.sd)
 
 
 def test_a_reference_is_of_sensors_that_have_names():
@@ -213,7 +212,7 @@ def test_a_reference_is_of_sensors_that_have_names():
     )
     paired = PairedModel(model, [0.2, 0.3], reference={"k": 1.0})
     assert [*paired.variables["shapes"].coords["dof"]] == ["x", "y", "z"]
-    np.testing.assert_allclose(paired({"k": np.array([3.0])}).mac, 1.0, rtol=1e-9)
+    assert_allclose(paired({"k": np.array([3.0])}).mac, 1.0, rtol=1e-9)
 
 
 def test_what_is_wrong_with_a_reference_is_named():

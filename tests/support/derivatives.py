@@ -1,6 +1,7 @@
 """A model's jacobian against differences of what it returns, for any modal model."""
 
 import numpy as np
+from numpy.testing import assert_allclose
 
 import emcee_femu as ef
 
@@ -44,9 +45,7 @@ def assert_jacobian(
     alone = model.jacobian(last)[1]
     for variable, by_name in derivatives.items():
         value = read(response, variable)
-        np.testing.assert_allclose(
-            value, read(called, variable), rtol=1e-11, atol=1e-11
-        )
+        assert_allclose(value, read(called, variable), rtol=1e-11, atol=1e-11)
         if variable in STEPS:
             assert by_name == {}
             continue
