@@ -20,16 +20,10 @@ def mac(a, b):
     return (a.T @ b) ** 2 / np.outer((a**2).sum(axis=0), (b**2).sum(axis=0))
 
 
-class Fixed:
-    """A model that returns given modes, whatever the parameters."""
-
-    def __init__(self, frequencies, shapes):
-        self.solution = ModalSolution(np.atleast_2d(frequencies), np.asarray(shapes))
-        self.variables = ef.modal_variables(self.solution.frequencies.shape[1])
-        self.variables["shapes"] = ef.Variable({}, stored=False)
-
-    def __call__(self, parameters):
-        return self.solution
+def fixed(frequencies, shapes):
+    """Return a model that returns given modes, whatever the parameters."""
+    solution = ModalSolution(np.atleast_2d(frequencies), shapes)
+    return lambda parameters: solution
 
 
 def test_close_modes_share_their_space_at_the_sensors_that_a_mode_has():
@@ -38,11 +32,11 @@ def test_close_modes_share_their_space_at_the_sensors_that_a_mode_has():
     c, s = np.cos(0.6), np.sin(0.6)
     measured = shapes[0][:, :2] @ [[c, -s], [s, c]]
     measured[3, 1] = np.nan
-    model = Fixed([2.0, 2.001, 5.0, 6.0], shapes)
+    model = fixed([2.0, 2.001, 5.0, 6.0], shapes)
     paired = PairedModel(model, Measurements([2.0, 2.001], measured))({})
     assert_allclose(paired.mac, 1.0, rtol=1e-9)
     there = np.arange(8) != 3
-    model = Fixed([2.0, 2.001, 5.0, 6.0], shapes[:, there])
+    model = fixed([2.0, 2.001, 5.0, 6.0], shapes[:, there])
     fewer = PairedModel(model, Measurements([2.0, 2.001], measured[there]))({})
     assert_allclose(paired.mac[:, 1], fewer.mac[:, 1], rtol=1e-12)
     assert_allclose(paired.shapes[0, there, 1], fewer.shapes[0, :, 1], rtol=1e-9)
@@ -51,7 +45,7 @@ def test_close_modes_share_their_space_at_the_sensors_that_a_mode_has():
 def test_the_pairs_are_the_best_of_all_one_to_one_choices():
     shapes, measured = random_shapes(2, 200, 4, 5), random_shapes(0, 4, 3)
     test = Measurements([1.0, 2.0, 3.0], shapes=measured)
-    model = Fixed(np.tile(np.arange(1.0, 6.0), (200, 1)), shapes)
+    model = fixed(np.tile(np.arange(1.0, 6.0), (200, 1)), shapes)
     pairing = PairedModel(model, test, candidates=5)({})
     choices, greedy = np.array(list(permutations(range(5), 3))), 0
     for row in range(200):
@@ -70,7 +64,7 @@ def test_a_cluster_of_three_spans_its_subspace_and_no_more():
     measured = shapes[:, 1:4] @ random_shapes(6, 3, 2)
     outside = shapes[:, 1:4] @ [1.0, 1.0, 1.0] + 2.0 * random_shapes(7, 9)
     test = Measurements([1, 2, 3], shapes=np.column_stack([measured, outside]))
-    model = Fixed([1.0, 2.0, 2.01, 2.02, 3.0], shapes[None])
+    model = fixed([1.0, 2.0, 2.01, 2.02, 3.0], shapes[None])
     macs = PairedModel(model, test, candidates=5)({}).mac[0]
     assert_allclose(macs[:2], 1.0, rtol=1e-12)
     fit = shapes[:, 1:4] @ np.linalg.lstsq(shapes[:, 1:4], outside)[0]
@@ -85,7 +79,7 @@ def test_a_mode_without_a_pair_costs_a_finite_penalty():
     lonely = np.full((4, 1), 0.5)
     shapes = np.hstack([np.eye(4)[:, :1], lonely])
     test = Measurements([1.0, 2.0], sd=[0.1, 0.1], shapes=shapes)
-    paired = PairedModel(Fixed([1.0, 2.0, 3.0, 4.0], np.eye(4)[None]), test)({})
+    paired = PairedModel(fixed([1.0, 2.0, 3.0, 4.0], np.eye(4)[None]), test)({})
     assert paired.unpaired.tolist() == [[False, True]]
     assert_allclose(paired.mac, [[1.0, 0.25]])
     term, neither = ef.FrequencyTerm(test), np.array([[True, True]])
@@ -103,7 +97,7 @@ def test_a_mode_without_a_pair_costs_a_finite_penalty():
 def test_where_sharing_fades_the_shape_is_weighted_by_the_weakest_link():
     """Three modes at two equal gaps, half-way: each neighbour counts by a half."""
     measured, weights = np.array([0.9, 0.3, 0.3]), np.array([1.0, 0.5, 0.5])
-    model = Fixed(np.cumprod([1.0, 1.015, 1.015]), np.eye(3)[None])
+    model = fixed(np.cumprod([1.0, 1.015, 1.015]), np.eye(3)[None])
     paired = PairedModel(model, Measurements([1.0], measured[:, None]), candidates=3)(
         {}
     )
@@ -121,7 +115,7 @@ def test_neighbours_that_drift_apart_take_nothing_with_them(leaving):
     test, macs = Measurements([1.0], shapes=measured), []
     for gap in np.linspace(0.009, 0.021, 81):
         ratios = [1.001, 1 + gap] if leaving else [1 + gap, 1.001]
-        model = Fixed(np.cumprod([1.0, *ratios]), shapes)
+        model = fixed(np.cumprod([1.0, *ratios]), shapes)
         macs.append(PairedModel(model, test, candidates=3)({}).mac[0, 0])
     assert_allclose(macs[0], 1.0, rtol=1e-12)  # in the span of all three
     pair = np.delete(shapes[0], leaving, axis=1)

@@ -92,30 +92,23 @@ def stepped(move, target, generations=1, state=None):
     return state, solved
 
 
-class Asked:
-    """A cheap density that knows how many points it was asked for at once."""
-
-    def __init__(self, density):
-        self.density, self.sizes = density, []
-
-    def __call__(self, theta):
-        self.sizes.append(len(theta))
-        return self.density(theta)
-
-
 def test_each_density_is_evaluated_once_a_step_and_anew_where_a_walker_was_changed():
-    target, steps = Gaussian(), 3
-    cheap = Asked(wrong(target))
+    target, steps, sizes = Gaussian(), 3, []
+
+    def cheap(theta):
+        sizes.append(len(theta))
+        return wrong(target)(theta)
+
     move = ef.moves.DelayedAcceptanceMove(DEMCMove(), cheap, steps)
     state, solved = stepped(move, target, 5)
-    assert cheap.sizes == [12] + 5 * 2 * steps * [6]  # the start, then two halves
+    assert sizes == [12] + 5 * 2 * steps * [6]  # the start, then two halves
     assert sum(solved) == move.full_solves <= 60 and 0 not in solved
     assert move.proposed == 5 * 12 * steps
     assert f"{1 - move.full_solves / move.proposed:.1%} saved" in str(move)
     state.coords[3] += 0.1
     state.log_prob[3] = target(state.coords[3:4])[0]
     stepped(move, target, state=state)
-    assert cheap.sizes[1 + 5 * 2 * steps :] == [1] + 2 * steps * [6]
+    assert sizes[1 + 5 * 2 * steps :] == [1] + 2 * steps * [6]
 
 
 def test_an_exact_screen_accepts_all_that_it_passes_and_none_that_did_not_move():

@@ -1,7 +1,5 @@
 """The Hamiltonian move: its target, its solves, runs of it, and its tuning."""
 
-from functools import cache
-
 import emcee
 import numpy as np
 import pytest
@@ -49,12 +47,6 @@ CASES = [  # metric, steps, step size, dimension, scale
 ]
 
 
-@cache
-def make_target(kind, scale, ndim):
-    return TARGETS[kind](scale, ndim)
-
-
-@cache
 def make_metric(kind, target):
     draws = target.sample(np.random.default_rng(1), (4_000,))
     covariance = np.atleast_2d(np.cov(draws, rowvar=False))
@@ -82,7 +74,7 @@ def travel(move, target, walkers=6_000, steps=5):
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("case", CASES)
 def test_the_move_keeps_the_target(case, target):
-    target = make_target(target, case[-1], case[-2])
+    target = TARGETS[target](case[-1], case[-2])
     # The walkers are independent: few large ensembles do the work of many small ones.
     assert exact_start(make_move(case, target), target, 150, 40, 5) < LIMIT
 
@@ -98,14 +90,14 @@ def test_a_wrong_gradient_costs_acceptance_and_nothing_else():
     target = WrongGradient()
     move = make_move(("covariance", 3, 1.1, 3, UNIT), target)
     assert exact_start(move, target, 150, 40, 5) < LIMIT
-    right = travel(move, make_target("gaussian", UNIT, 3))
+    right = travel(move, SmoothGaussian())
     assert 0.1 < travel(move, target) < 0.9 * right
 
 
 @pytest.mark.parametrize("ndim", [1, 4])
 def test_rejections_fall_with_the_square_of_the_step(ndim):
     # A wrong factor on one side would still be reversible: only slow.
-    target = make_target("gaussian", FAR, ndim)
+    target = SmoothGaussian(FAR, ndim)
     metric = np.atleast_2d(make_metric("covariance", target))
 
     def rejected(steps):

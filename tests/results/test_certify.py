@@ -7,7 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 import arviz
 import numpy as np
 import pytest
-import xarray
 from scipy import stats
 from support.chains import ar1, backend
 from support.free_posterior import box, free_posterior
@@ -428,8 +427,6 @@ def certificate(masses, solves):
 
 def stored_and_read(idata, path):
     idata.to_netcdf(str(path))
-    if hasattr(idata, "children"):
-        return xarray.open_datatree(path)
     return arviz.from_netcdf(str(path))
 
 
