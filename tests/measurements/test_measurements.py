@@ -11,13 +11,6 @@ SHAPES = np.array([[0.3, -0.8, 1.0], [0.7, -0.2, -0.9], [1.0, 1.0, 0.4], [1.1, 0
 COVARIANCE = np.array([[4e-4, 1e-4, 0.0], [1e-4, 9e-4, 2e-4], [0.0, 2e-4, 1e-3]])
 
 
-def complex_shapes(n_sensors=5, n_modes=3, scatter=0.1):
-    noise = RNG.standard_normal((2, n_sensors, n_modes))
-    shapes = RNG.standard_normal((n_sensors, n_modes))
-    turn = np.exp(2j * np.pi * RNG.random(n_modes))
-    return (shapes + scatter * (noise[0] + 1j * noise[1])) * turn
-
-
 def test_modes_of_low_collinearity_are_named_in_a_warning():
     shapes = np.array([[1.0, 1.0, 1.0], [2.0, 0.2j, 1j], [-1.0, 0.5, -1.0]])
     expected = np.array([1, (1.21 / 1.29) ** 2, 1 / 9])
@@ -56,7 +49,9 @@ def test_what_is_known_of_some_modes_only_can_be_given(known):
 @pytest.mark.filterwarnings("ignore:shapes. phase collinearity")
 @pytest.mark.parametrize("scatter", [0.02, 0.3, 1.0])
 def test_the_real_part_is_the_largest_and_collinearity_the_flatness(scatter):
-    shapes = complex_shapes(scatter=scatter) * [1e-17, 2.5, 1e17]  # of any scale
+    shapes, *noise = RNG.standard_normal((3, 5, 3))
+    shapes = shapes + scatter * (noise[0] + 1j * noise[1])
+    shapes = shapes * np.exp(2j * np.pi * RNG.random(3)) * [1e-17, 2.5, 1e17]
     m = Measurements(F, shapes=shapes)
     for column, real, value in zip(
         shapes.T, m.shapes.T, m.phase_collinearity, strict=True

@@ -100,11 +100,6 @@ MEMORYLESS = {
 }
 
 
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "run.chain"
-
-
 @pytest.mark.parametrize("move", [*REMEMBERING.values(), *FORGETFUL.values()])
 def test_ensembles_share_no_memory_whether_together_or_one_after_another(move):
     serial = bits(sampled(None, moves=move, steps=4))

@@ -179,8 +179,7 @@ def test_a_batch_that_fails_names_its_parameter_sets_but_not_hundreds(number):
 def test_a_function_of_one_parameter_set_is_told_how_it_becomes_a_model(function):
     with pytest.raises(TypeError) as caught:
         ef.LogPosterior(function, TERM, PRIOR)([INSIDE] * 2)
-    text = "\n".join([str(caught.value), *caught.value.__notes__])
-    assert "FunctionModel(function)" in text
+    assert "FunctionModel(function)" in f"{caught.value}{caught.value.__notes__}"
 
 
 @pytest.mark.parametrize(

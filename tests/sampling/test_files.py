@@ -43,11 +43,6 @@ def count(caplog):
     COUNT.update(before)
 
 
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "run.stored"
-
-
 def attempt(kind, path, stop=0, **options):
     """Return how often the model was called, and the bits or what stopped it."""
     COUNT.update(calls=0, stop=stop)
@@ -66,7 +61,7 @@ def whole(tmp_path_factory):
 
     def run(kind):
         if kind not in known:
-            file = tmp_path_factory.mktemp("whole") / "run.stored"
+            file = tmp_path_factory.mktemp("whole") / "run.chain"
             known[kind] = *attempt(kind, file), file.read_bytes()
         return known[kind]
 
@@ -108,7 +103,7 @@ def test_what_auto_found_is_not_sought_again(whole, path, monkeypatch):
     attempt("auto", path, stop=first // 2)
     # Another version of the package asks for other points.
     monkeypatch.setattr("emcee_femu.sampling.auto.FEWEST_SEARCHED", 500)
-    with pytest.raises(ValueError, match="search.*run.stored"):
+    with pytest.raises(ValueError, match="search.*run.chain"):
         sampled(path, moves="auto")
 
 
@@ -142,7 +137,7 @@ def test_a_file_whose_writer_died_in_a_record_is_read_as_before_it(whole, path):
     path.write_bytes(whole("chain")[2])
     told = str(ef.diagnose(path))
     start_script(["-c", KILLED, path]).communicate()
-    assert path.with_name("run.stored-journal").stat().st_size
+    assert path.with_name("run.chain-journal").stat().st_size
     assert str(ef.diagnose(path)) == told
 
 
@@ -168,7 +163,7 @@ def test_a_full_disk_is_named_and_loses_nothing(whole, path, kind, monkeypatch):
         path.unlink()
 
 
-@pytest.mark.filterwarnings("ignore:.*run.stored")  # of a last record that is lost
+@pytest.mark.filterwarnings("ignore:.*run.chain")  # of a last record that is lost
 @pytest.mark.parametrize("kind", ["chain", "anneal"])
 def test_damage_is_refused_by_the_files_name_or_matters_to_nothing(whole, path, kind):
     _, expected, content = whole(kind)
@@ -193,12 +188,12 @@ def test_a_missing_number_is_damage(whole, path, column):
     path.write_bytes(whole("chain")[2])
     with closing(sqlite3.connect(path)) as file, file:
         file.execute(f"UPDATE record SET {column} = NULL WHERE number = 3")
-    with pytest.raises(ValueError, match="run.stored .*damaged"):
+    with pytest.raises(ValueError, match="run.chain .*damaged"):
         ef.diagnose(path)
 
 
 def test_a_file_that_is_not_there_is_no_damaged_one(path):
-    with pytest.raises(ValueError, match="no file .*run.stored"):
+    with pytest.raises(ValueError, match="no file .*run.chain"):
         ef.diagnose(str(path))
     assert not path.exists()
 
@@ -210,7 +205,7 @@ def test_another_file_is_left_as_it_is_and_none_gone_on_with_unasked(whole, path
     for content, options in ((b"mine", {}), (other, {}), (own, {"resume": False})):
         path.write_bytes(content)
         COUNT["calls"] = 0
-        with pytest.raises(ValueError, match="run.stored"):
+        with pytest.raises(ValueError, match="run.chain"):
             KINDS[kind](path, **options)
         assert path.read_bytes() == content and COUNT["calls"] == 0
 
@@ -218,7 +213,7 @@ def test_another_file_is_left_as_it_is_and_none_gone_on_with_unasked(whole, path
 def test_a_search_that_was_stopped_is_not_gone_on_with_unasked(path):
     attempt("auto", path, stop=20)
     for changed in ({"resume": False}, {"seed": 2}):
-        with pytest.raises(ValueError, match="run.stored"):
+        with pytest.raises(ValueError, match="run.chain"):
             sampled(path, moves="auto", **changed)
 
 
@@ -236,7 +231,7 @@ def test_of_two_runs_that_write_to_one_file_one_is_refused(path, count):
 def test_nothing_is_written_or_solved_for_a_run_that_is_refused(path):
     COUNT["calls"] = 0
     (path.parent / "sub").mkdir()
-    for place in ("none/run.stored", "sub/"):
+    for place in ("none/run.chain", "sub/"):
         with pytest.raises(ValueError, match="none|sub"):
             sampled(os.path.join(path.parent, place))
     with pytest.raises(ValueError, match="starts"):
@@ -305,7 +300,7 @@ def test_another_run_is_refused_by_every_entry_that_differs(path, what):
     kind = annealed if what == "size" else sampled
     kind(path, steps=2, **before)
     content = path.read_bytes()
-    with pytest.raises(ValueError, match=f"(?s)run.stored .*{named}"):
+    with pytest.raises(ValueError, match=f"(?s)run.chain .*{named}"):
         kind(path, steps=4, **before | after)
     assert path.read_bytes() == content
 

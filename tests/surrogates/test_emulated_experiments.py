@@ -39,11 +39,11 @@ def tip_term(parameters, response):
     return stats.norm.logpdf(response["tip"], 0.31, 0.01)
 
 
-def joint_of(states=("empty", "loaded")):
+def joint_of():
     push.solves = 0
     truth, experiments = {"k1": np.array([9.0]), "k2": np.array([5.5])}, {}
-    for name in states:
-        model = structure(MASSES[name])
+    for name, mass in MASSES.items():
+        model = structure(mass)
         measured = model.model(truth).frequencies[0] * [1.005, 0.997]
         error = {"discrepancy": "noise"} if name == "loaded" else {"relative_sd": 0.02}
         term = ef.FrequencyTerm(measured, **error)
