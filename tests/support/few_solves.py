@@ -36,27 +36,8 @@ class Counted:
         return {"y": np.array([self.function(row) for row in x])}
 
 
-def linear(x):
-    return DESIGN @ x
-
-
-def square(x):
-    return np.array([x[0] ** 2, x[1]])
-
-
 def bent(x):
     return DESIGN @ x + 0.3 * np.sin(2.0 * x[0]) * np.array([1.0, 0.5, -1.0])
-
-
-def broken(x):
-    if x[0] > 0.9:
-        raise ArithmeticError("no equilibrium")
-    return bent(x)
-
-
-def rippled(x):
-    """What no few points can show: waves of a tenth of the spread."""
-    return DESIGN @ x + SD * np.sin(60.0 * x[0] + 47.0 * x[1])
 
 
 PRIOR = ef.GaussianPrior(["a", "b"], [0.0, 0.0], 1.0, [(-4.0, 4.0)] * 2)

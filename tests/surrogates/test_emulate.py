@@ -8,19 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
-from support.few_solves import (
-    DATA,
-    DESIGN,
-    PRIOR,
-    SD,
-    Gaussian,
-    bent,
-    broken,
-    linear,
-    posed,
-    rippled,
-    square,
-)
+from support.few_solves import DATA, DESIGN, PRIOR, SD, Gaussian, bent, posed
 from support.pool_problems import forks
 
 import emcee_femu as ef
@@ -29,6 +17,25 @@ from emcee_femu.extensions.emulation.emulate import _Emulation
 SLOW = pytest.mark.slow
 GRID = np.stack(np.meshgrid(*[np.linspace(-3.0, 3.0, 241)] * 2), axis=-1).reshape(-1, 2)
 ALL = {"seed": 1, "tolerance": 0.0}  # all solves are spent
+
+
+def linear(x):
+    return DESIGN @ x
+
+
+def square(x):
+    return np.array([x[0] ** 2, x[1]])
+
+
+def broken(x):
+    if x[0] > 0.9:
+        raise ArithmeticError("no equilibrium")
+    return bent(x)
+
+
+def rippled(x):
+    """What no few points can show: waves of a tenth of the spread."""
+    return DESIGN @ x + SD * np.sin(60.0 * x[0] + 47.0 * x[1])
 
 
 def shares(log_p):
