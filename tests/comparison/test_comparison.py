@@ -145,6 +145,9 @@ def test_a_quarter_is_burn_in_but_of_what_starts_from_the_posterior():
     assert (spent <= each * 40 + before).all()
 
 
+STEP_SIZES = {"good": 2.4, "crawling": 0.02}
+
+
 class OtherStream(ef.MetropolisMove):
     """The same law from other random numbers."""
 
@@ -164,11 +167,8 @@ def test_the_winner_has_converged_and_leads_by_two_combined_errors(other, winner
     prior = ef.GaussianPrior(["a"], [10.0], [1.0])
     posterior = ef.LogPosterior(model, ef.FrequencyTerm([10.0], sd=1.0), prior)
     sd = 0.5**0.5
-    moves = {
-        "other": OtherStream(sd=other * sd),
-        "good": ef.MetropolisMove(sd=2.4 * sd),
-    }
-    moves["crawling"] = ef.MetropolisMove(sd=0.02 * sd)
+    moves = {name: ef.MetropolisMove(sd=x * sd) for name, x in STEP_SIZES.items()}
+    moves["other"] = OtherStream(sd=other * sd)
     found = ef.compare_moves(posterior, moves, 8, 1_000, ensembles=3, seed=2)
     assert not found.diagnoses["crawling"].converged
     able = {k: v for k, v in found.efficiency.items() if found.diagnoses[k].converged}

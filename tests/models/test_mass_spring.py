@@ -18,11 +18,6 @@ def five_masses(springs=TEN_SPRINGS, **options):
     return MassSpringModel(FIVE_MASSES, springs, **options)
 
 
-def draw(n, seed=3):
-    rng = np.random.default_rng(seed)
-    return {name: rng.uniform(500.0, 5000.0, n) for name in TEN_SPRINGS}
-
-
 def matrices_by_hand(parameters, row):
     K = np.zeros((6, 6))  # node by node, the ground included
     for name, (i, j, _) in TEN_SPRINGS.items():
@@ -45,7 +40,8 @@ def test_a_chain_between_walls_has_the_textbook_frequencies(n, k, m):
 
 @pytest.mark.parametrize("shapes", [False, True, [3, 0]])
 def test_modes_are_those_of_matrices_built_by_hand(shapes):
-    parameters = draw(6)
+    rng = np.random.default_rng(3)
+    parameters = {name: rng.uniform(500.0, 5000.0, 6) for name in TEN_SPRINGS}
     model = five_masses(shapes=shapes)
     assert_model(model, parameters)
     solution = model(parameters)

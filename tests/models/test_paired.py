@@ -98,9 +98,8 @@ def test_where_sharing_fades_the_shape_is_weighted_by_the_weakest_link():
     """Three modes at two equal gaps, half-way: each neighbour counts by a half."""
     measured, weights = np.array([0.9, 0.3, 0.3]), np.array([1.0, 0.5, 0.5])
     model = fixed(np.cumprod([1.0, 1.015, 1.015]), np.eye(3)[None])
-    paired = PairedModel(model, Measurements([1.0], measured[:, None]), candidates=3)(
-        {}
-    )
+    test = Measurements([1.0], measured[:, None])
+    paired = PairedModel(model, test, candidates=3)({})
     expected = mac(measured[:, None], (weights * measured)[:, None]).item()
     assert_allclose(paired.mac, [[expected]], rtol=1e-12)
     found = paired.shapes[0, :, 0]

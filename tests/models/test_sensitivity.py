@@ -9,15 +9,7 @@ from scipy import sparse
 from support.beams import BOUNDS, OPTIONS, draws, reduce, three_parts
 from support.derivatives import assert_jacobian
 
-from emcee_femu import (
-    FrameModel,
-    FunctionModel,
-    MassSpringModel,
-    MatrixModel,
-    Measurements,
-    PairedModel,
-    Section,
-)
+import emcee_femu as ef
 
 SIZE = 9
 
@@ -50,20 +42,20 @@ def mass_spring():
         "k1": (0, 1, 1.0), "k2": (1, 2, 0.5), "k3": (2, 3, 0.7), "k4": (3, 4, 0.3),
         "k5": (1, 4, "k2"),
     }  # fmt: skip
-    return MassSpringModel([1.0, 2.0, 3.0, 1.5], springs, shapes=[2, 0])
+    return ef.MassSpringModel([1.0, 2.0, 3.0, 1.5], springs, shapes=[2, 0])
 
 
 def frame(supports, skip=0):
     twist = 50.0 if skip else "GJ"
-    column = Section(
+    column = ef.Section(
         E="E", GJ=twist, rho="rho", A="A", Iy="I", Iz="I", orientation=(0, 1, 0.3)
     )
-    beams = Section(
+    beams = ef.Section(
         E="E", GJ=700.0, rho=2700.0, A="A2", Iy=2e-9, Iz="Iz", orientation=(1, 0, 0.3)
     )
     points = [(0, 0, 0), (0, 0, 0.2), (0.3, 0, 0.2), (0.3, 0.2, 0), (0.5, 0.1, 0.2)]
     elements = [(0, 1, "column"), (1, 2, "beam"), (2, 3, "column"), (2, 4, "beam")]
-    return FrameModel(
+    return ef.FrameModel(
         points, elements, {"column": column, "beam": beams}, supports,
         modes=[1, 2, 4, 5], skip=skip, shapes=["1:ux", "2:uy", "4:uz", "4:rx"],
     )  # fmt: skip
@@ -82,7 +74,7 @@ def dense(K_names, M_names, **options):
     rng = np.random.default_rng(6)
     K, M = ({name: spd(rng) for name in names} for names in (K_names, M_names))
     options = {"n_modes": 4, "shapes": [1, 5]} | options
-    return MatrixModel(30 * spd(rng), spd(rng), K, M, **options)
+    return ef.MatrixModel(30 * spd(rng), spd(rng), K, M, **options)
 
 
 def free_chain(kind):
@@ -92,13 +84,13 @@ def free_chain(kind):
         for units in (chain(n, first=False), masses(n))
     )
     K0, M0 = kind(np.zeros((n, n))), kind(0.5 * np.eye(n))
-    return MatrixModel(K0, M0, K, M, n_modes=4, skip=1, shapes=True)
+    return ef.MatrixModel(K0, M0, K, M, n_modes=4, skip=1, shapes=True)
 
 
 def loaded_beam(lumped, free=False):
     K0, M0, K = three_parts(free, lumped)
     load = sparse.csc_array(([1.0], ([100], [100])), shape=K0.shape)
-    return MatrixModel(K0, M0, K, {"load": load}, skip=2 * free, **OPTIONS)
+    return ef.MatrixModel(K0, M0, K, {"load": load}, skip=2 * free, **OPTIONS)
 
 
 def beam_parameters(free=False):
@@ -108,7 +100,7 @@ def beam_parameters(free=False):
 
 @cache
 def reduced_beam():
-    return reduce(MatrixModel(*three_parts(), **OPTIONS), BOUNDS)
+    return reduce(ef.MatrixModel(*three_parts(), **OPTIONS), BOUNDS)
 
 
 CASES = {
@@ -132,7 +124,7 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_derivatives_are_those_of_differences(case):
     model, parameters = (make() for make in CASES[case])
-    slender = isinstance(model, FrameModel) or "left" in parameters
+    slender = isinstance(model, ef.FrameModel) or "left" in parameters
     step = 6e-3 if slender else 1e-3  # slender beams round more
     assert_jacobian(model, parameters, step)
 
@@ -146,7 +138,7 @@ def twins(kind, n_modes, tied, size=30):
     K = {"k": kind(left + right)} if tied else {"a": kind(left), "b": kind(right)}
     M0, M = kind(np.eye(2 * size)), {"m": kind(np.eye(2 * size))}
     nothing = kind(np.zeros((2 * size, 2 * size)))
-    return MatrixModel(nothing, 0.5 * M0, K, M, n_modes=n_modes, shapes=True)
+    return ef.MatrixModel(nothing, 0.5 * M0, K, M, n_modes=n_modes, shapes=True)
 
 
 @pytest.mark.parametrize("kind", [np.asarray, sparse.csc_array])
@@ -199,7 +191,7 @@ def oscillators(gap, width):
     K["link"] = 2e-3 * np.outer(link, link)
     M = {"m": 0.05 * np.diag(rng.uniform(0.9, 1.1, EIGHT))}
     K0 = shapes[:, 4:] @ shapes[:, 4:].T
-    return MatrixModel(K0, np.eye(EIGHT), K, M, n_modes=6, shapes=range(EIGHT))
+    return ef.MatrixModel(K0, np.eye(EIGHT), K, M, n_modes=6, shapes=range(EIGHT))
 
 
 def double():
@@ -213,7 +205,7 @@ def double():
         for names in ("ab", "cd")
     )
     eye = np.eye(EIGHT)
-    return MatrixModel(eye, 9 * eye, K, M, n_modes=6, shapes=range(EIGHT))
+    return ef.MatrixModel(eye, 9 * eye, K, M, n_modes=6, shapes=range(EIGHT))
 
 
 def paired(model, **options):
@@ -221,8 +213,8 @@ def paired(model, **options):
     start = {name: np.array([1 + 1e-3 * i]) for i, name in enumerate(model.names)}
     shapes = model(start).shapes[0][SENSORS]
     mixed = shapes[:, [2, 0, 1]] + 0.2 * rng.normal(size=(5, 3))
-    test = Measurements([1.0, 1.1, 1.3], shapes=-3.0 * mixed, dofs=SENSORS)
-    return PairedModel(model, test, candidates=6, **options)
+    test = ef.Measurements([1.0, 1.1, 1.3], shapes=-3.0 * mixed, dofs=SENSORS)
+    return ef.PairedModel(model, test, candidates=6, **options)
 
 
 def near_one(model, n=4, spread=5e-4, seed=9):
@@ -265,5 +257,5 @@ def test_only_a_model_with_derivatives_passes_them_on():
     copy = pickle.loads(pickle.dumps(with_them))
     one, other = (m.jacobian(near_one(m))[1]["mac"]["a"] for m in (with_them, copy))
     np.testing.assert_array_equal(one, other)
-    function = FunctionModel(lambda p: [1.0], variables=with_them.model.variables)
-    assert PairedModel(function, with_them.measurements).jacobian is None
+    function = ef.FunctionModel(lambda p: [1.0], variables=with_them.model.variables)
+    assert ef.PairedModel(function, with_them.measurements).jacobian is None

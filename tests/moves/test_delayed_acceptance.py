@@ -53,22 +53,20 @@ def z_of(case, scale=(1.0, 1.0, 1.0), bounded=True, **effort):
     return z
 
 
-@pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_wrong_cheap_posterior_leaves_the_target_exact(case):
-    assert z_of(case, ensembles=50, steps=5) < LIMIT
+EFFORT = [(case, 50, 5) for case in CASES]
+EFFORT += [pytest.param(case, 240, 32, marks=pytest.mark.slow) for case in CASES[1::4]]
+
+
+@pytest.mark.parametrize(("case", "ensembles", "steps"), EFFORT, ids=str)
+def test_a_wrong_cheap_posterior_leaves_the_target_exact(case, ensembles, steps):
+    """The law, at a power that sees lengths or guides which depend on walkers."""
+    assert z_of(case, ensembles=ensembles, steps=steps) < LIMIT
 
 
 def test_the_target_is_exact_where_scales_differ_or_the_screen_knows_no_bounds():
     case, effort = ("demc", "gaussian", 8, 3, 4), {"ensembles": 50, "steps": 5}
     assert z_of(case, (1e-8, 1.0, 1e8), **effort) < LIMIT
     assert z_of(("demc", "bounded", 12, 3, 1), bounded=False, **effort) < LIMIT
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("case", CASES[1::4], ids=str)
-def test_the_target_is_exact_at_high_power(case):
-    """The law at the power that sees lengths or guides which depend on walkers."""
-    assert z_of(case, ensembles=240, steps=32) < LIMIT
 
 
 def stepped(move, target, generations=1, state=None):

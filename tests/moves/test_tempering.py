@@ -31,13 +31,13 @@ INNER = {  # each with the walkers of a block; those of the package move togethe
 class Blocks:
     """The tempered targets of all blocks as one."""
 
-    def __init__(self, target, betas):
-        self.target, self.betas = target, betas
+    def __init__(self, target):
+        self.target = target
 
     def sample(self, rng, size):
         ensembles, nwalkers = size
-        n = ensembles * nwalkers // len(self.betas)
-        blocks = [self.target.sample(rng, n, beta) for beta in self.betas]
+        n = ensembles * nwalkers // len(BETAS)
+        blocks = [self.target.sample(rng, n, beta) for beta in BETAS]
         return np.concatenate([b.reshape(ensembles, -1, 3) for b in blocks], axis=1)
 
     def __call__(self, theta):
@@ -45,16 +45,16 @@ class Blocks:
 
     def statistics(self, theta):
         n, walkers, _ = theta.shape
-        blocks = zip(np.split(theta, len(self.betas), axis=1), self.betas, strict=True)
+        blocks = zip(np.split(theta, len(BETAS), axis=1), BETAS, strict=True)
         values = [self.target.statistics(x.reshape(-1, 3), beta) for x, beta in blocks]
-        return np.column_stack(values).reshape(n, walkers // len(self.betas), -1)
+        return np.column_stack(values).reshape(n, walkers // len(BETAS), -1)
 
 
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("inner", INNER)
 def test_every_block_keeps_its_tempered_target(target, inner):
     move, block = INNER[inner]
-    blocks, n = Blocks(TARGETS[target], BETAS), block * len(BETAS)
+    blocks, n = Blocks(TARGETS[target]), block * len(BETAS)
     assert exact_start(ef.moves.TemperedMove(move, BETAS), blocks, n, 50, 6) < LIMIT
 
 

@@ -100,12 +100,6 @@ def _show(outputs):
     )
 
 
-def assert_quiet(shown):
-    """Check that no cell failed, or wrote a warning."""
-    for name, cell in shown.items():
-        assert not cell.error and not cell.stderr, (name, cell.error, cell.stderr)
-
-
 TABLES = {  # what a user prints, which has a table in its HTML
     "posterior": "posterior",
     "prior": "prior",
@@ -195,7 +189,8 @@ for find in (chain, lambda one, **where: ef.emulate(one, 12, seed=1, **where)):
 
 
 def test_what_a_user_prints_is_html_and_figures_are_shown_once_and_closed(shown):
-    assert_quiet(shown)
+    for name, cell in shown.items():
+        assert not cell.error and not cell.stderr, (name, cell.error, cell.stderr)
     for name in TABLES | SENTENCES:
         page = "\n".join(shown[name].pages)
         assert page and ("<table" in page) == (name in TABLES), name

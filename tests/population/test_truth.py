@@ -6,12 +6,7 @@ from scipy import stats
 from support.normal_tests import many
 
 import emcee_femu as ef
-from emcee_femu.extensions.population.normal import (
-    Draws,
-    PopulationModel,
-    PopulationTerm,
-    read_tests,
-)
+from emcee_femu.extensions.population import normal
 
 PLAIN = ef.population.NormalPopulation(["k1", "k2"])
 BOX = np.array([[6.0, 14.0], [3.0, 7.0]])
@@ -19,9 +14,9 @@ BOX = np.array([[6.0, 14.0], [3.0, 7.0]])
 
 def model(tests, population, number=10_000):
     """Return the likelihood of a population."""
-    draws = read_tests(tests, population.names, number)
+    draws = normal.read_tests(tests, population.names, number)
     complete = population.complete(*next(iter(draws.values())).prior)
-    return PopulationModel(complete, draws)
+    return normal.PopulationModel(complete, draws)
 
 
 def at(population, rows):
@@ -47,13 +42,11 @@ def test_a_population_is_normalised_inside_the_bounds_and_impossible_beyond():
     mean, sd = np.split(np.array(rows), 2, axis=1)
     law = stats.norm(mean, sd)
     mass = (law.cdf(BOX[:, 1]) - law.cdf(BOX[:, 0])).prod(axis=1)
-    gained = (
-        cut(at(PLAIN, rows))["log_marginal"] - free(at(PLAIN, rows))["log_marginal"]
-    )
-    np.testing.assert_allclose(gained, -np.log(mass)[:, None] * [1, 1], rtol=1e-9)
+    own, other = (m(at(PLAIN, rows))["log_marginal"] for m in (cut, free))
+    np.testing.assert_allclose(own - other, -np.log(mass)[:, None] * [1, 1], rtol=1e-9)
     rows = [[10.0, 5.0, 0.5, 0.5], [15.5, 5.0, 1.0, 0.5], [10.0, 7.5, 0.1, 0.3]]
     rows += [[10.0, 5.0, 1e-9, 1e-9], [10.0, 5.0, 1e-12, 0.0]]
-    likely = PopulationTerm(cut.variables)({}, cut(at(PLAIN, rows)))
+    likely = normal.PopulationTerm(cut.variables)({}, cut(at(PLAIN, rows)))
     np.testing.assert_array_equal(likely > -100, [True, False, False, True, True])
     assert likely[3] == pytest.approx(likely[4], abs=1e-6)  # no draw alone decides
 
@@ -69,7 +62,7 @@ ERROR = 0.1
 WIDTH, CENTRE = 0.12, 1.15  # of ln of the tests' own prior, which pulls hard
 
 
-class Unnormalised(PopulationModel):
+class Unnormalised(normal.PopulationModel):
     """Forgets the constant of the population's density, wherever it is."""
 
     def __call__(self, parameters):
@@ -83,7 +76,7 @@ def keep_prior(draws):
     return draws._replace(log_prior=0 * draws.log_prior)
 
 
-def calibrate(datasets, seed, kind=PopulationModel, bend=lambda draws: draws):
+def calibrate(datasets, seed, kind=normal.PopulationModel, bend=lambda draws: draws):
     """Return the least p-value of uniform ranks of the truth among weighted draws."""
     rng = np.random.default_rng(seed)
     found = np.empty((datasets, 4))
@@ -99,7 +92,7 @@ def calibrate(datasets, seed, kind=PopulationModel, bend=lambda draws: draws):
             mean = log_measured / ERROR**2 + np.log(CENTRE) / WIDTH**2
             x = mean / precision + rng.standard_normal((300, 2)) / np.sqrt(precision)
             log_prior = stats.lognorm(WIDTH, scale=CENTRE).logpdf(np.exp(x)).sum(axis=1)
-            draws[f"t{t}"] = bend(Draws(np.exp(x), log_prior, free, moments))
+            draws[f"t{t}"] = bend(normal.Draws(np.exp(x), log_prior, free, moments))
         hyper = POPULATION.prior.sample(rng, 1_500)
         total = kind(POPULATION, draws)(at(POPULATION, hyper))["log_marginal"]
         total = total.sum(axis=1)

@@ -1,4 +1,4 @@
-"""The likelihood under a model that knows its own error."""
+"""Linear Gaussian problems: derivatives, and a model that knows its own error."""
 
 import numpy as np
 import pytest
@@ -41,6 +41,19 @@ class Diagonal(Uncertain):
     """Without derivatives of a term directions count as independent: here they are."""
 
     directions = 0.3 * np.eye(4)[:, [0, 2]]
+
+
+@pytest.mark.parametrize("model", [LinearDerived(), LinearModel()])
+def test_a_conjugate_gaussian_is_exact(model):
+    prior = ef.GaussianPrior(model.names, np.zeros(3), np.ones(3))
+    posterior = ef.LogPosterior(model, LinearTerm(), prior)
+    precision = LINEAR.T @ LINEAR / 0.2**2 + np.eye(3)
+    mean = np.linalg.solve(precision, LINEAR.T @ DATA / 0.2**2)
+    theta = posterior.start(5, seed=0)
+    local, expected = posterior.linearize(theta), (mean - theta) @ precision
+    tolerance = 1e-10 if posterior.differentiable else 1e-8
+    assert_allclose(local.gradient, expected, atol=tolerance * np.abs(expected).max())
+    assert_allclose(local.information, np.tile(precision, (5, 1, 1)), rtol=1e-8)
 
 
 ALL, FIRST, LAST = LinearTerm(), LinearTerm(last=3), LinearTerm(first=3)

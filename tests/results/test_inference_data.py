@@ -28,15 +28,15 @@ DATA = ["frequency[1]", "frequency[2]", "ridge"]
 WALKERS, STEPS, MODES = 10, 24, 4
 
 
-class Model:
-    def __init__(self, n_modes=MODES):
-        self.n_modes, self.variables = n_modes, ef.modal_variables(n_modes)
-
-    def __call__(self, p):
+def model_of(n_modes=MODES):
+    def model(p):
         f1 = 10 * np.sqrt(p["stiff"])
         f3 = 40 * p.get("mass", np.ones(len(f1)))
         rows = np.stack([f1, 25 + p["alpha"], f3, 90 + f1, 99 + f1], axis=1)
-        return ef.ModalSolution(rows[:, : self.n_modes])
+        return ef.ModalSolution(rows[:, :n_modes])
+
+    model.variables = ef.modal_variables(n_modes)
+    return model
 
 
 def ridge(parameters, modes):
@@ -44,7 +44,7 @@ def ridge(parameters, modes):
 
 
 POSTERIOR = ef.LogPosterior(
-    Model(),
+    model_of(),
     [ef.FrequencyTerm(MEASURED, beta=1e3), ridge],
     ef.GaussianPrior(NAMES, MEAN, SD, BOUNDS),
     units={"stiff": "N/m"},
@@ -237,7 +237,7 @@ def test_netcdf_round_trip_keeps_every_number_and_the_tables(idata, tmp_path):
 def finished(n=3, n_modes=MODES, steps=3):
     prior = ef.GaussianPrior(NAMES[:n], MEAN[:n], 0.1)
     term = ef.FrequencyTerm(MEASURED, beta=1e3)
-    posterior = ef.LogPosterior(Model(n_modes), term, prior)
+    posterior = ef.LogPosterior(model_of(n_modes), term, prior)
     return list(ef.run(posterior, ef.DEMCMove(), WALKERS, steps, seed=1, ensembles=1))
 
 

@@ -129,13 +129,11 @@ def crossing():
     return ef.LogPosterior(paired, ef.FrequencyTerm(test, relative_sd=0.02), prior)
 
 
-def density():
-    """A term with the whole density, as targets of benchmarks have it."""
-    model = ef.FunctionModel(ignored, n_modes=2)
-    law = stats.norm(50, 1)
-    return ef.LogPosterior(
-        model, lambda p, _: law.logpdf(p["k1"]), posterior_of().prior
-    )
+DENSITY = ef.LogPosterior(  # a term has all of it, as in targets of benchmarks
+    ef.FunctionModel(ignored, n_modes=2),
+    lambda p, _: stats.norm.logpdf(p["k1"], 50, 1),
+    posterior_of().prior,
+)
 
 
 @pytest.mark.parametrize(
@@ -145,8 +143,8 @@ def density():
         (posterior_of(HERTZ * [1.0, 8.0]), ef.DEMCMove()),
         (posterior_of(prior=WIDE), ef.DEMCMove()),
         (crossing(), ef.DEMCMove()),
-        (density(), ef.DEMCMove()),
-        (density(), "auto"),
+        (DENSITY, ef.DEMCMove()),
+        (DENSITY, "auto"),
     ],
     ids=["2.9 times", "one mode", "a wide prior", "paired", "no model", "none, auto"],
 )
