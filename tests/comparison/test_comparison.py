@@ -128,10 +128,8 @@ def test_the_budget_of_evaluations_is_for_all_ensembles(evaluations, steps):
 
 
 def test_a_quarter_is_burn_in_but_of_what_starts_from_the_posterior():
-    options = SMALL | {"steps": 40}
-    found = ef.compare_moves(
-        linear(), {"DE-MC": ef.DEMCMove(), "auto": "auto"}, **options
-    )
+    moves = {"DE-MC": ef.DEMCMove(), "auto": "auto"}
+    found = ef.compare_moves(linear(), moves, **SMALL | {"steps": 40})
     sizes = [idata["posterior"].sizes["draw"] for idata in found.idata.values()]
     assert sizes == [30, 40]
     # All that was evaluated counts for both.

@@ -295,9 +295,8 @@ def test_a_flat_part_that_the_emulator_lacks_is_refused():
         return np.logaddexp(AWAY(theta), -1.0 - 4.0 * beyond**2)
 
     true = free_posterior(log_density, WIDE_BOX)
-    found = ef.certify(
-        sampled(posterior(AWAY), draws(AWAY, 4_000, 1)), true, 80, seed=0
-    )
+    idata = sampled(posterior(AWAY), draws(AWAY, 4_000, 1))
+    found = ef.certify(idata, true, 80, seed=0)
     assert found.efficiency > 0.99 and found.short == "refused" and found.missed
 
 

@@ -198,17 +198,15 @@ def test_where_little_is_informed_the_known_combinations_are_named():
     assert text.startswith("2 of 6 independent combinations")
     assert f"1.00 f (sd ratio {first:.2g})" in text
     assert f"0.80 b + 0.60 a (sd ratio {second:.2g})" in text
-    none = ef.identifiability(
-        made(exact_draws(np.eye(6), n=4000), frequencies, np.ones(6), names)
-    )
+    z = exact_draws(np.eye(6), n=4000)
+    none = ef.identifiability(made(z, frequencies, np.ones(6), names))
     assert any(text.startswith("No combination") for text in none.findings)
 
 
 def test_a_single_parameter_has_no_partner_and_few_samples_say_nothing():
     z = exact_draws(np.array([[0.25]]), n=40)
-    found = ef.identifiability(
-        made(z, 10 * np.exp(0.5 * 0.2 * z), PRIOR_SD[:1], NAMES[:1])
-    )
+    single = made(z, 10 * np.exp(0.5 * 0.2 * z), PRIOR_SD[:1], NAMES[:1])
+    found = ef.identifiability(single)
     assert_allclose(found.sensitivities, [[0.2]], rtol=1e-9)
     assert found.table.column("with") == [""]
     z = exact_draws(np.diag([0.5, 0.5, 0.5]) ** 2)

@@ -193,10 +193,8 @@ def test_the_prior_predicts_new_measurements(runs):
     z = (predicted.values[0] - exact) / (np.array(MEASURED) / np.sqrt(1e3))
     assert_allclose(z.mean(axis=0), 0, atol=4 / np.sqrt(count))
     assert_allclose(z.std(axis=0), 1, atol=4 / np.sqrt(2 * count))
-    beside = dataset(
-        ef.to_inference_data(runs, prior_predictive=count), "prior_predictive"
-    )
-    assert beside["frequency"].equals(predicted)
+    both = ef.to_inference_data(runs, prior_predictive=count)
+    assert dataset(both, "prior_predictive")["frequency"].equals(predicted)
 
 
 def test_arviz_takes_the_result_and_compares_each_datum_of_a_term(runs, idata):
@@ -323,9 +321,8 @@ def test_terms_on_different_numbers_of_modes_stay_apart(terms, prefix):
     target = ef.LogPosterior(Five(), terms, PRIOR)
     if prefix:
         target = ef.LogPosterior.joint({"test": (Five(), terms)}, PRIOR)
-    idata = ef.to_inference_data(
-        ef.run(target, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
-    )
+    run = ef.run(target, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
+    idata = ef.to_inference_data(run)
     stored = {*dataset(idata, "log_likelihood")["data"].datum.values.tolist()}
     for term, name in zip(terms, ("", f"[{terms[1].name}]"), strict=True):
         observed = dataset(idata, "observed_data")[f"{prefix}frequency{name}"]

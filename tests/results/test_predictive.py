@@ -113,9 +113,8 @@ class Beam:
 
 def test_other_variables_are_tabulated_where_they_were_measured():
     """A conjugate problem: a has precision 1 + 5 / 0.1^2, and mean 5.4 / 5.01."""
-    target = ef.LogPosterior(
-        Beam(), Deflection(), ef.GaussianPrior(["a"], [0.0], [1.0])
-    )
+    prior = ef.GaussianPrior(["a"], [0.0], [1.0])
+    target = ef.LogPosterior(Beam(), Deflection(), prior)
     run = ef.run(target, ef.DEMCMove(), 20, 1000, seed=1, ensembles=1)
     table = ef.predictive_table(ef.to_inference_data(run, discard=200))
     assert table.column("point") == ["1", "3"]

@@ -96,12 +96,9 @@ def third(weights, errors, **changes):
     three["mixture"][0] = [0.5, 0.3, 0.1, 0.05, 0.05]
     three["mixture"][1].insert(2, [-30.0, 0.0])
     three["mixture"][2].insert(2, np.eye(2).tolist())
-    return (
-        three
-        | {"mode_of": [0, 1, 2, -1, -1], "weights": weights, "errors": errors}
-        | {"found_by": [[1, 1, 1]] + [[1, 1, 0]] * 3, "starts": [[0.7, 0.3, 0]] * 4}
-        | changes
-    )
+    three |= {"mode_of": [0, 1, 2, -1, -1], "weights": weights, "errors": errors}
+    three |= {"found_by": [[1, 1, 1]] + [[1, 1, 0]] * 3, "starts": [[0.7, 0.3, 0]] * 4}
+    return three | changes
 
 
 LOST = [0.7, 0.3, np.nan], [0.01, 0.01, np.nan]
