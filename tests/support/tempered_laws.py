@@ -61,8 +61,7 @@ class BoundedLaw:
     powers = np.array([1.0, 2.0, 4.0])
 
     def __init__(self):
-        prior = ef.IndependentPrior(dict.fromkeys("abc", (0.0, 1.0)))
-        self.posterior = ef.LogPosterior(FreeModel(), self.term, prior)
+        self.posterior = ef.LogPosterior(FreeModel(), self.term, _UnitBox())
 
     def term(self, parameters, modes):
         logs = [np.log(np.maximum(x, 1e-300)) for x in parameters.values()]
@@ -80,3 +79,13 @@ class BoundedLaw:
     @property
     def log_evidence(self):
         return float(-np.log(self.powers + 1).sum())
+
+
+class _UnitBox:
+    names, bounds = ("a", "b", "c"), np.tile([0.0, 1.0], (3, 1))
+
+    def logpdf(self, theta):
+        return np.where(((theta >= 0) & (theta <= 1)).all(axis=1), 0.0, -np.inf)
+
+    def sample(self, rng, n):
+        return rng.random((n, 3))
