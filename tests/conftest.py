@@ -32,6 +32,12 @@ def closed_figures():
         sys.modules["matplotlib.pyplot"].close("all")
 
 
+@pytest.fixture
+def path(tmp_path):
+    """Return the name of a run's file."""
+    return tmp_path / "run.chain"
+
+
 # Doctests that take many seconds; what they show is a law of tests/population.
 SLOW_EXAMPLES = {"pool_tests.pool_tests", "figure.plot_population"}
 

@@ -1,15 +1,14 @@
-"""Every public name says what it takes, returns and raises, and shows how it is used.
-
-Sphinx makes the reference of the API from these docstrings.
-"""
+"""Every public name says what it takes, returns, raises, and shows how it is used."""
 
 import ast
 import builtins
 import doctest
+import importlib
 import inspect
 import re
 
 import pytest
+from support.examples import load
 from support.public import public_names
 
 import emcee_femu as ef
@@ -66,6 +65,25 @@ def test_an_example_runs_wherever_it_is_pasted(label):
         elif isinstance(node, ast.FunctionDef):
             made.add(node.name)
     assert {n.id for n in names} <= made
+
+
+PROGRAMS = {  # whose examples doctest skips
+    "from_opensees": lambda: load("how_to/opensees").load_opensees(),
+    "from_pynite": lambda: importlib.import_module("Pynite"),
+    "from_skfem": lambda: importlib.import_module("skfem"),
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_the_example_of_an_fe_program_runs_where_there_is_one(name):
+    try:
+        PROGRAMS[name]()
+    except ImportError as error:
+        pytest.skip(str(error))
+    text = inspect.getdoc(PUBLIC[name]).replace("# doctest: +SKIP", "")
+    test = doctest.DocTestParser().get_doctest(text, {}, name, None, 0)
+    assert len(test.examples) > 1
+    assert doctest.DocTestRunner().run(test).failed == 0
 
 
 @pytest.mark.parametrize("label", USED | METHODS)

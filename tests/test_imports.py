@@ -1,7 +1,4 @@
-"""Two rings and their rules (CONTRIBUTING.md), and importing stays light.
-
-All imports count: those under TYPE_CHECKING and inside functions, too.
-"""
+"""Two rings and their rules (CONTRIBUTING.md), and importing stays light."""
 
 import ast
 import re
@@ -23,12 +20,11 @@ LAZY = {"", "figures", "moves"}  # these import names of extensions when asked f
 ALONE = {"contracts", "checks", "table", "moves"}  # all that moves may import
 
 
-def _name(path):
-    parts = path.relative_to(PACKAGE).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-FILES = {_name(path): path for path in PACKAGE.rglob("*.py")}
+FILES = {
+    ".".join(p.relative_to(PACKAGE).with_suffix("").parts): p
+    for p in PACKAGE.rglob("*.py")
+}
+FILES = {name.removesuffix("__init__").rstrip("."): p for name, p in FILES.items()}
 TREES = {name: ast.parse(p.read_text("utf-8")) for name, p in FILES.items()}
 
 

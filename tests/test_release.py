@@ -1,8 +1,8 @@
 """What a release needs: one version, sound metadata, workflows and recipe that fit."""
 
 import datetime
-import importlib.util
 import re
+import runpy
 import shutil
 import tomllib
 from pathlib import Path
@@ -25,10 +25,7 @@ def load(name):
 
 
 def sections():
-    """Return versions and dates of the changelog, newest first.
-
-    What comes next, "0.4.0 (not released)", has no brackets yet.
-    """
+    """Return versions and dates of the changelog, newest first, without the next."""
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     return [line.split(" - ") for line in re.findall(r"^## (\[.+)", text, re.M)]
 
@@ -47,11 +44,8 @@ def test_every_file_has_the_version_and_date_of_the_package():
 
 
 def notes(tag, root):
-    path = ROOT / ".github" / "release_notes.py"
-    spec = importlib.util.spec_from_file_location("release_notes", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.main(tag, root)
+    script = ROOT / ".github" / "release_notes.py"
+    return runpy.run_path(str(script))["main"](tag, root)
 
 
 @pytest.fixture

@@ -1,8 +1,6 @@
-"""Arguments are thrown the mistakes of their kind: refused by name, never repaired.
+"""Mistakes in the calls that users write most are refused by name, never repaired."""
 
-The table has the calls that users write most. A new public name needs no entry.
-"""
-
+import sys
 from functools import partial
 
 import numpy as np
@@ -182,3 +180,67 @@ def test_arrays_may_be_written_in_other_ways(name, way):
 def test_whole_numbers_are_taken_as_floats():
     whole_numbers = np.array([[100, 10], [10, 100]], np.int8)
     assert ef.MetropolisMove(cov=whole_numbers).cov.dtype == np.float64
+
+
+PAPER = ef.paper.mass_spring().posterior
+
+
+class Emulated:
+    posterior = PAPER
+
+    def __call__(self, parameters):  # as an emulated model is called
+        return {}
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "cure"),
+    [
+        (lambda: ef.run(Emulated(), seed=1), TypeError, r"\.posterior"),
+        (lambda: ef.run(PAPER, ef.DEMCMove, seed=1), TypeError, r"DEMCMove\(\)"),
+        (lambda: ef.run(lambda theta: 0.0, seed=1), TypeError, "from_function"),
+        (lambda: ef.diagnose(Emulated()), TypeError, r"\.posterior"),
+        (lambda: PAPER.model([1.0]), TypeError, "{name"),
+        (
+            lambda: PAPER.model({"k1": [1.0], "k3": [1.0, 2.0]}),
+            ValueError,
+            "one length",
+        ),
+        (lambda: ef.GaussianPrior({"k1": (50, 9)}), TypeError, r"\['k1'\], mean, sd"),
+        (lambda: ef.GaussianPrior(["k1"], [50.0]), ValueError, "sd"),
+        (
+            lambda: ef.MatrixModel("K.mtx", M0, {}, n_modes=1),
+            TypeError,
+            "read_matrices",
+        ),
+        (lambda: ef.MatrixModel(None, M0, {}, n_modes=1), TypeError, r"0 \* M0"),
+        (lambda: ef.MetropolisMove([[1.0, 0.0], [0.0, 1.0]]), ValueError, "cov="),
+        (lambda: ef.report(None, "tower.pdf"), ValueError, "tower.html"),
+        (lambda: ef.frf.FRFMeasurements.from_uff("a"), ImportError, r"femu\[uff\]"),
+    ],
+)
+def test_the_message_has_the_cure(call, error, cure, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyuff", None)
+    with pytest.raises(error, match=cure):
+        call()
+
+
+STOREYS = {"k1": np.diag([1.0, 0.0]), "k2": np.array([[1.0, -1.0], [-1.0, 1.0]])}
+LIMITS = [(20, 90), (1, 15)]
+
+
+@pytest.mark.parametrize(
+    ("measured", "bounds", "named"),
+    [
+        ([0.53, 1.08], None, "bounds"),
+        ([0.53, 1.08, 1.4], LIMITS, r"3 modes|got \(\d+, 2\)"),
+    ],
+)
+def test_a_first_mistake_is_named_and_no_page_of_emcee_printed(
+    measured, bounds, named, capsys
+):
+    model = ef.MatrixModel(np.zeros((2, 2)), np.eye(2), STOREYS, n_modes=2)
+    with pytest.raises((ValueError, RuntimeError), match=named):
+        prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [30, 10], bounds)
+        term = ef.FrequencyTerm(measured, relative_sd=0.1)
+        ef.run(ef.LogPosterior(model, term, prior), steps=5, ensembles=1, seed=1)
+    assert capsys.readouterr() == ("", "")  # emcee would print sixty lines

@@ -1,5 +1,6 @@
-"""compare_moves: its numbers are those of runs made alone, and who wins."""
+"""Moves compared by runs made alone, model classes by known evidences."""
 
+import dataclasses
 import itertools
 import time
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 import xarray
 from numpy.testing import assert_allclose, assert_array_equal
+from support.tempered_laws import GaussianLaw
 
 import emcee_femu as ef
 
@@ -126,10 +128,8 @@ def test_the_budget_of_evaluations_is_for_all_ensembles(evaluations, steps):
 
 
 def test_a_quarter_is_burn_in_but_of_what_starts_from_the_posterior():
-    options = SMALL | {"steps": 40}
-    found = ef.compare_moves(
-        linear(), {"DE-MC": ef.DEMCMove(), "auto": "auto"}, **options
-    )
+    moves = {"DE-MC": ef.DEMCMove(), "auto": "auto"}
+    found = ef.compare_moves(linear(), moves, **SMALL | {"steps": 40})
     sizes = [idata["posterior"].sizes["draw"] for idata in found.idata.values()]
     assert sizes == [30, 40]
     # All that was evaluated counts for both.
@@ -141,6 +141,9 @@ def test_a_quarter_is_burn_in_but_of_what_starts_from_the_posterior():
     kept = each * np.array(sizes)
     assert_allclose(whole, efficiency * kept / (each * 40 + before), rtol=1e-9)
     assert (spent <= each * 40 + before).all()
+
+
+STEP_SIZES = {"good": 2.4, "crawling": 0.02}
 
 
 class OtherStream(ef.MetropolisMove):
@@ -162,11 +165,8 @@ def test_the_winner_has_converged_and_leads_by_two_combined_errors(other, winner
     prior = ef.GaussianPrior(["a"], [10.0], [1.0])
     posterior = ef.LogPosterior(model, ef.FrequencyTerm([10.0], sd=1.0), prior)
     sd = 0.5**0.5
-    moves = {
-        "other": OtherStream(sd=other * sd),
-        "good": ef.MetropolisMove(sd=2.4 * sd),
-    }
-    moves["crawling"] = ef.MetropolisMove(sd=0.02 * sd)
+    moves = {name: ef.MetropolisMove(sd=x * sd) for name, x in STEP_SIZES.items()}
+    moves["other"] = OtherStream(sd=other * sd)
     found = ef.compare_moves(posterior, moves, 8, 1_000, ensembles=3, seed=2)
     assert not found.diagnoses["crawling"].converged
     able = {k: v for k, v in found.efficiency.items() if found.diagnoses[k].converged}
@@ -192,3 +192,73 @@ def test_what_does_not_fit_is_refused_before_sampling(message, changes):
     with pytest.raises(ValueError, match=message):
         ef.compare_moves(posterior, **arguments)
     assert posterior.model.rows == 0
+
+
+LAW = GaussianLaw()
+ANNEALED = ef.anneal(LAW.posterior, 100, seed=1)
+
+
+def known(value, error=0.1, *problems):
+    """Return an evidence that was found elsewhere."""
+    changes = {"log_evidence": value, "log_evidence_error": error}
+    found = ef.log_evidence(ANNEALED)
+    return dataclasses.replace(found, **changes, problems=problems)
+
+
+def test_bayes_factors_and_probabilities_are_exact():
+    classes = {"a": known(-10.0, 0.3), "b": known(-8.0, 0.4), "c": known(-13.5, 0.0)}
+    found = ef.compare_models(classes, prior={"a": 3.0, "b": 1.0, "c": 1.0})
+    column = found.table.column
+    assert column("model class") == ["b", "a", "c"] == list(found.probabilities)
+    assert_allclose(column("log evidence"), [-8.0, -10.0, -13.5])
+    assert_allclose(column("ln Bayes factor"), [0.0, 2.0, 5.5])
+    assert_allclose(column("its +-"), [0.0, 0.5, 0.4])
+    odds = np.array([1.0, 3 * np.exp(-2.0), np.exp(-5.5)])
+    assert_allclose(column("probability"), odds / odds.sum(), rtol=1e-12)
+    assert found.winner == "b"
+    equal = ef.compare_models(classes)
+    assert_allclose(equal.probabilities["a"], np.exp(-2) / np.exp([0, -2, -5.5]).sum())
+
+
+@pytest.mark.parametrize(
+    ("lead", "verdict"),
+    [(0.9, "weak"), (1.1, "positive"), (4.9, "strong"), (9_000.0, "very strong")],
+)
+def test_words_are_those_of_kass_and_raftery(lead, verdict):
+    found = ef.compare_models({"x": known(-5.0 - lead), "y": known(-5.0)})
+    assert found.table.column("verdict") == ["first", f"behind, {verdict}"]
+
+
+@pytest.mark.parametrize(
+    ("winner", "classes"),
+    [  # two combined errors decide; a third is behind in any case
+        (None, {"x": known(-0.99, 0.4), "y": known(0.0, 0.3)}),
+        ("y", {"x": known(-1.01, 0.4), "y": known(0.0, 0.3)}),
+        (None, {"x": known(-1.0), "y": known(-1.1), "z": known(-5.0)}),
+        (None, {"x": known(-99.0, np.inf, "lost"), "y": known(0.0)}),
+    ],
+)
+def test_a_difference_within_two_combined_errors_is_undecided(winner, classes):
+    found = ef.compare_models(classes)
+    assert found.winner == winner
+    if winner is None:
+        assert "z" not in found.conclusion.splitlines()[0]
+
+
+def test_it_takes_runs_and_what_anneal_returns_and_names_what_it_refuses():
+    move = ef.moves.TemperedMove(ef.DEMCMove(), np.linspace(1, 0, 4) ** 3)
+    run = ef.run(LAW.posterior, move, nwalkers=32, steps=60, seed=1, ensembles=1)
+    direct = ef.log_evidence(run, discard=10)
+    found = ef.compare_models({"run": run, "later": direct, "annealed": ANNEALED})
+    assert found.evidences["later"] is direct
+    assert found.evidences["run"].log_evidence == ef.log_evidence(run).log_evidence
+    assert found.evidences["annealed"].log_evidence == ANNEALED.log_evidence
+    plain = ef.run(LAW.posterior, ef.DEMCMove(), 16, 2, seed=1, ensembles=1)
+    for second, match in (
+        (object, r"models\['y'\]"),
+        (plain, r"models\['y'\]: .*Tempered"),
+        (known(np.nan), "finite"),
+    ):
+        with pytest.raises((TypeError, ValueError), match=match) as error:
+            ef.compare_models({"x": known(-1.0), "y": second})
+        assert len(str(error.value)) < 300  # without the objects

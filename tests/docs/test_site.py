@@ -1,8 +1,4 @@
-"""The built site in a browser: pictures, links, console, widths.
-
-Run after the build, ``python -m sphinx docs docs/_build/html``. Pages ask no other site
-for anything that they need.
-"""
+"""The built site in a browser, after ``python -m sphinx docs docs/_build/html``."""
 
 import json
 import shutil

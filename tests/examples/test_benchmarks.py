@@ -91,8 +91,6 @@ def test_constants(monkeypatch, capsys):
     assert constants.MODULES["auto"].SEARCHED_SHARE == before  # as it was
 
 
-# --- hard targets -----------------------------------------------------------------
-
 HARD = load("hard_targets")
 
 
@@ -127,8 +125,6 @@ def test_hard_targets(capsys):
     assert sum(run.converged for run in runs) >= 2
 
 
-# --- few solves -------------------------------------------------------------------
-
 FEW = load("few_solves")
 
 
@@ -156,9 +152,6 @@ def test_few_solves(monkeypatch, capsys):
     assert capsys.readouterr().out.count("1 of 1") == 1
 
 
-# --- clusters ---------------------------------------------------------------------
-
-
 @pytest.mark.slow
 def test_cluster_scaling(capsys):
     """The law of a simulated cluster: closed forms."""
@@ -171,9 +164,6 @@ def test_cluster_scaling(capsys):
     # A master that hands out nothing else: its own time is the limit.
     limited = scaling.efficiency(1_000, 4_000, 0.0, dispatch=0.1)
     assert limited == pytest.approx(4_000 / (1_000 * (4_000 * 0.1 + 1)))
-
-
-# --- large models -----------------------------------------------------------------
 
 
 @pytest.mark.slow

@@ -1,7 +1,4 @@
-"""The driver of CalculiX, by programs of one line of shell; and the program itself.
-
-What needs CalculiX is skipped where there is none, and says so.
-"""
+"""The driver of CalculiX, by programs of one line of shell; and the program itself."""
 
 import os
 import re
@@ -79,15 +76,6 @@ def test_a_damaged_dat_file_is_refused(driver, old, new, message):
     np.testing.assert_allclose(driver.read_frequencies(DAT, 3), expected, rtol=1e-9)
     with pytest.raises(ValueError, match=message):
         driver.read_frequencies(DAT.replace(old, new, 1), 3)
-
-
-@posix
-def test_a_job_has_its_deck_and_one_thread(driver, tmp_path, monkeypatch):
-    monkeypatch.setenv("OMP_NUM_THREADS", "8")
-    script = shell("cat job.inp > job.dat; echo $OMP_NUM_THREADS")
-    with driver.finished_job("DECK", script, scratch=tmp_path) as folder:
-        assert (folder / "printed.txt").read_text() == "1\n"
-        assert (folder / "job.dat").read_text() == "DECK"
 
 
 @posix
@@ -185,10 +173,12 @@ def test_every_solve_has_its_folder_and_those_that_fail_are_rejected(
 
 @posix
 def test_calculix_program(driver, tmp_path, monkeypatch, capsys):
-    """The command of the page, with a program of that name in front of the others."""
+    """The command of the page, by a program of that name that has one thread."""
     fake = tmp_path / "ccx"
-    fake.write_text('#!/bin/sh\n[ "$*" = "-i job" ] && cp job.inp job.dat\n')
+    once = '[ "$* $OMP_NUM_THREADS" = "-i job 1" ] && cp job.inp job.dat'
+    fake.write_text(f"#!/bin/sh\n{once}\n")
     fake.chmod(0o755)
+    monkeypatch.setenv("OMP_NUM_THREADS", "8")
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
     (tmp_path / "own.inp").write_text(DAT)
     monkeypatch.setattr(sys, "argv", ["calculix_program.py", str(tmp_path / "own.inp")])

@@ -3,6 +3,7 @@
 import inspect
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -32,6 +33,16 @@ def test_every_script_has_a_command_and_a_test():
 @pytest.mark.parametrize("path", PAGES, ids=lambda p: p.stem)
 def test_scripts_do_nothing_on_import(path, capsys):
     load(path.relative_to(EXAMPLES).with_suffix("").as_posix())
+    assert capsys.readouterr().out == ""
+
+
+PROGRAMS = {"opensees": "openseespy", "pynite": "Pynite", "scikit_fem": "skfem"}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_page_can_be_imported_without_its_program(name, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, PROGRAMS[name], None)
+    load(f"how_to/{name}")
     assert capsys.readouterr().out == ""
 
 
@@ -101,3 +112,32 @@ def test_cluster(capsys):
     assert np.array_equal(chain, run[0].get_chain())
     shown = capsys.readouterr().out
     assert "2 workers: 16 walkers" in shown and "Updating parameters" in shown
+
+
+# By 162 x 162 matrices that were assembled outside this package.
+NOMINAL = [5.582335061, 15.44511530, 32.32350686, 32.37585002, 37.22241568]
+NOMINAL += [44.59372994, 52.54484140, 54.57656609, 60.99930558, 70.49955246]
+
+
+def test_garteur(capsys):
+    example = load("garteur")
+    model = example.garteur(n_modes=10)
+    np.testing.assert_allclose(model({}).frequencies[0], NOMINAL, rtol=1e-6)
+    factors = ["density", "wing small", "wing large", "wing torsion", "fin torsion"]
+    scaled = example.garteur(factors, n_modes=10)
+    ones = {name: np.ones(1) for name in factors}
+    assert {*scaled.names} == {*factors}
+    np.testing.assert_allclose(scaled(ones).frequencies[0], NOMINAL, rtol=1e-6)
+    runpy.run_path(str(EXAMPLES / "garteur.py"), run_name="__main__")
+    assert "162 DOFs, 41.7 kg" in capsys.readouterr().out
+
+
+def test_a_stiff_joint_is_none_and_a_layer_without_stiffness_is_mass():
+    example = load("garteur")
+    joined = example.garteur(joint=True)({"joint": np.array([1e3])}).frequencies[0]
+    np.testing.assert_allclose(joined, NOMINAL[:8], rtol=2e-3)
+    covered = example.garteur(layer=True)({"layer": np.array([1e-6, 1.0])})
+    assert (covered.frequencies[0] < NOMINAL[:8]).all()
+    # Bonded, by hand: 1.3 times the bending stiffness of the wing.
+    share = covered.frequencies[1, 0] / covered.frequencies[0, 0]
+    assert 1.25 < share**2 < 1.45

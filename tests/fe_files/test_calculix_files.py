@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from support.exports import cantilever, write_calculix
 
 import emcee_femu as ef
@@ -15,9 +16,7 @@ def test_a_block_has_the_frequencies_that_calculix_prints():
     # One C3D8 element of steel, 2.20-1 of Debian; its own .dat has these two.
     read = ef.read_matrices(DATA / "block.sti")
     model = ef.MatrixModel(read.K, read.M, {}, n_modes=2)
-    np.testing.assert_allclose(
-        model({}).frequencies[0], [2264.413, 2344.663], atol=5e-4
-    )
+    assert_allclose(model({}).frequencies[0], [2264.413, 2344.663], atol=5e-4)
     assert read.labels[:4] == ("5:ux", "5:uy", "5:uz", "6:ux")
     assert "block.sti: 12 DOFs" in str(read) and "0.785 along uz" in str(read)
 
@@ -27,9 +26,9 @@ def test_any_file_of_the_job_gives_all_three(tmp_path, end):
     K, M, dofs = cantilever()
     write_calculix(tmp_path, K, M, dofs)
     read = ef.read_matrices(tmp_path / f"beam.{end}")
-    np.testing.assert_allclose(read.K.toarray(), K, rtol=1e-12)
-    np.testing.assert_allclose(read.M.toarray(), M, rtol=1e-12)
-    np.testing.assert_array_equal(read.nodes, dofs)
+    assert_allclose(read.K.toarray(), K, rtol=1e-12)
+    assert_allclose(read.M.toarray(), M, rtol=1e-12)
+    assert_array_equal(read.nodes, dofs)
 
 
 def test_files_may_have_any_names(tmp_path):

@@ -1,9 +1,12 @@
 """Files of every format: read back, renamed, cut, damaged."""
 
+import sys
+from types import ModuleType, SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import sparse
-from scipy.io import mmwrite
+from scipy.io import hb_read, hb_write, mmwrite
 from support.exports import (
     FREQUENCIES,
     cantilever,
@@ -184,3 +187,148 @@ def test_npz_files_that_crash_the_interpreter_are_refused(tmp_path, name):
         sparse.save_npz(path, wrong)
     with pytest.raises(ValueError, match=r"K\.npz"):
         ef.read_matrices({"K": path})
+
+
+def test_abaqus_holds_DOFs_by_1e36(tmp_path):
+    K, M, dofs = cantilever(clamped=False)
+    for row in (0, 1):
+        K[row, :] = K[:, row] = 0.0
+        K[row, row] = 1e36
+    read = ef.read_matrices(write_abaqus(tmp_path, K, M, dofs))
+    np.testing.assert_array_equal(read.nodes, dofs[2:])
+    model = ef.MatrixModel(read.K, read.M, {}, n_modes=3)
+    np.testing.assert_allclose(model({}).frequencies[0], FREQUENCIES, rtol=3e-3)
+    path = write_abaqus(tmp_path, K, M, dofs, "coordinate")
+    with pytest.raises(ValueError, match=r"STIF1.mtx: 2 rows are held .*MATRIX INPUT"):
+        ef.read_matrices(path)
+
+
+def test_abaqus_numbers_inner_nodes_below_zero_and_in_any_order(tmp_path):
+    dofs = DOFS.copy()
+    dofs[4:6, 0] = -3
+    shuffled = np.random.default_rng(1).permutation(len(K))  # each pair stays once
+    both = [A[np.ix_(shuffled, shuffled)] for A in (K, M)]
+    read = ef.read_matrices(write_abaqus(tmp_path, *both, dofs[shuffled]))
+    rows = read.dofs(["13:uz", "-3:uz", "27:ry"])
+    assert rows.tolist() == [2, 0, 15]
+    model = ef.MatrixModel(read.K, read.M, {}, n_modes=3)
+    np.testing.assert_allclose(model({}).frequencies[0], FREQUENCIES, rtol=3e-3)
+
+
+def full_file(folder):
+    path = folder / "file.full"
+    path.write_bytes(np.array([100, -(2**31), 4, 0], "<i4").tobytes() + bytes(400))
+    return path
+
+
+def test_ansys_without_its_reader_is_told_how(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ansys.mapdl.reader", None)
+    with pytest.raises(ImportError, match=r"file\.full.*emcee_femu\[ansys\].*\*EXPORT"):
+        ef.read_matrices(full_file(tmp_path))
+
+
+def test_ansys_files_have_upper_triangles_and_empty_rows_of_held_DOFs(
+    tmp_path, monkeypatch
+):
+    K0, M0, dofs = cantilever(clamped=False)
+    K0[:2], K0[:, :2], M0[:2], M0[:, :2] = 0.0, 0.0, 0.0, 0.0
+    numbered = dofs - [0, 1]
+    triangles = [sparse.csc_matrix(np.triu(A)) for A in (K0, M0)]
+    found = SimpleNamespace(
+        load_km=lambda sort: (numbered, *triangles), const=numbered[:2]
+    )
+    reader = ModuleType("ansys.mapdl.reader")
+    reader.read_binary = lambda path: found
+    monkeypatch.setitem(sys.modules, "ansys.mapdl.reader", reader)
+    for name in ("ansys", "ansys.mapdl"):
+        monkeypatch.setitem(sys.modules, name, ModuleType(name))
+    read = ef.read_matrices(full_file(tmp_path))
+    np.testing.assert_array_equal(read.nodes, DOFS)
+    np.testing.assert_allclose(read.K.toarray(), K)
+    np.testing.assert_allclose(read.M.toarray(), M)
+    found.load_km = lambda sort: 1 / 0
+    with pytest.raises(ValueError, match=r"file\.full: ZeroDivisionError"):
+        ef.read_matrices(full_file(tmp_path))
+
+
+def test_the_beam_that_comes_with_the_reader_of_ansys():
+    pytest.importorskip("ansys.mapdl.reader")
+    from ansys.mapdl.reader import examples
+
+    read = ef.read_matrices(examples.fullfile)
+    assert (read.size, read.dofs("node 22 x")) == (900, 0)
+    clamped = ef.MatrixModel(read.K, read.M, {}, n_modes=6)({}).frequencies[0]
+    free = 11504.895, 20137.193  # of its file.rst: torsion and axial, free at both ends
+    np.testing.assert_allclose(clamped[[2, 5]], np.divide(free, 2), rtol=0.015)
+
+
+# 3 by 3, lower half by columns: [[4, 0, -1.5], [0, 3, 0], [-1.5, 0, 2]].
+LINES = [
+    f"{'A title':72s}KEY",
+    f"{3:14d}{1:14d}{1:14d}{1:14d}{0:14d}",
+    f"{'RSA':14s}{3:14d}{3:14d}{4:14d}{0:14d}",
+    f"{'(4I3)':16s}{'(4I3)':16s}{'(1P,4D12.4)':20s}",
+    "  1  3  4  5",
+    "  1  3  2  3",
+    "  4.0000D+00 -1.5000D+00  3.0000D+00  2.0000D+00",
+]
+ENTRIES = [[4.0, 0.0, -1.5], [0.0, 3.0, 0.0], [-1.5, 0.0, 2.0]]
+
+
+def write_lines(path, changed=()):
+    lines = LINES.copy()
+    for line, text in dict(changed).items():
+        lines[line - 1] = text
+    path.write_text("".join(line + "\n" for line in lines if line is not None))
+    return {"K": path}
+
+
+# SciPy 1.18 announces another default of an argument that older ones have not.
+@pytest.mark.filterwarnings("ignore:The default value for `spmatrix`")
+def test_all_entries_and_the_lower_half_are_read_as_scipy_reads_them(tmp_path):
+    random = np.random.default_rng(3)
+    half = np.tril(random.normal(size=(9, 9)) * (random.random((9, 9)) < 0.5))
+    half += 20 * np.eye(9)
+    paths = [tmp_path / f"{name}.hb" for name in ("half", "full")]
+    for path, A in zip(paths, (half, half + np.tril(half, -1).T), strict=True):
+        hb_write(path, sparse.csc_array(A))
+    lower, full = (hb_read(path).toarray() for path in paths)
+    np.testing.assert_array_equal(np.tril(full), lower)
+    paths[0].write_text(paths[0].read_text().replace("RUA", "RSA"))
+    for path in paths:
+        read = ef.read_matrices({"K": path, "M": path})
+        np.testing.assert_array_equal(read.K.toarray(), full)
+        np.testing.assert_array_equal(read.M.toarray(), full)
+
+
+F = {4: "(4I3)           (4I3)           (4F12.4)", 7: LINES[6].replace("D+00", "    ")}
+BARE = {2: f"{4:14d}{2:14d}{1:14d}{1:14d}", 4: "(2I3)          (4I3)          (4E6.1)"}
+BARE |= {5: "  1  3\n  4  5", 7: " 4.0+0-1.5+0 3.0+0 2.0+0"}
+RHS = {2: LINES[1].replace(" 0", " 1"), 4: LINES[3] + "\nF  1  0", 7: LINES[6] + "\n 9"}
+
+
+@pytest.mark.parametrize("changed", [{}, {3: LINES[2].lower()}, F, BARE, RHS])
+def test_numbers_are_read_by_the_formats_that_the_file_says(tmp_path, changed):
+    read = ef.read_matrices(write_lines(tmp_path / "K.rsa", changed))
+    assert read.K.toarray().tolist() == ENTRIES
+
+
+@pytest.mark.parametrize("kind", ["CSA", "PUA", "RSE", "RZA", "RRA"])
+def test_other_types_of_harwell_boeing_are_refused_by_their_name(tmp_path, kind):
+    files = write_lines(tmp_path / "K.hb", {3: LINES[2].replace("RSA", kind)})
+    with pytest.raises(ValueError, match=rf"K\.hb.*{kind}"):
+        ef.read_matrices(files)
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [(3, LINES[2].replace("RSA", "RUA")),  # half of it alone
+     (3, f"RSA {4:14d}{3:14d}{4:14d}"), (3, f"RSA {3:14d}{3:14d}{5:14d}"),
+     (4, "(4I3)           (4I3)"), (5, None), (5, "  1  3  4  6"), (5, "  0  2  3  4"),
+     (5, "  1  4  3  5"), (5, "nan  3  4  5"), (5, "inf  3  4  5"), (6, "  1  4  2  3"),
+     (6, "  1  0  2  3"), (6, "1.5  3  2  3"), (6, "  1  1  2  3"), (6, ""),
+     (7, LINES[6][:36]), (7, LINES[6].replace("2.0000D", "1.0D999")), (7, None)],
+)  # fmt: skip
+def test_a_damaged_harwell_boeing_file_is_refused_by_its_name(tmp_path, line, text):
+    with pytest.raises(ValueError, match=r"K\.hb"):
+        ef.read_matrices(write_lines(tmp_path / "K.hb", {line: text}))

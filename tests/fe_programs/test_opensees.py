@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 from support.examples import load
-from support.programs import opensees, run_example
 
 import emcee_femu as ef
 
@@ -19,8 +18,11 @@ def frame():
 
 
 @pytest.fixture
-def ops():
-    program = opensees()
+def ops(frame):
+    try:
+        program = frame.load_opensees()
+    except ImportError as error:
+        pytest.skip(str(error))
     yield program
     program.wipe()
 
@@ -141,7 +143,3 @@ def test_what_cannot_be_read_is_refused(ops, mass, spoil, message):
     spoil(ops)
     with pytest.raises(ValueError, match=f"ops: .*{message}"):
         ef.from_opensees(ops)
-
-
-def test_the_example_of_the_docstring(ops):
-    run_example(ef.from_opensees)

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.linalg import eigh
 from support.examples import load
-from support.programs import run_example
 
 import emcee_femu as ef
 
@@ -50,7 +50,7 @@ def test_frequencies_are_those_of_pynite(platform):
         squares = eigh(base.K.toarray(), base.M.toarray(), eigvals_only=True)[:count]
         found = np.sqrt(squares) / (2 * np.pi)
         # The largest eigenvalues are 1e8 of the lowest, and round by 1e-16.
-        np.testing.assert_allclose(found, analysed.frequencies, rtol=1e-6)
+        assert_allclose(found, analysed.frequencies, rtol=1e-6)
     # A support and a prescribed displacement at d, a spring at c.
     assert plate.size == 16 and not {"d:ux", "d:uy"} & {*plate.labels}
     assert plate.dofs("node 2:uz") == plate.labels.index("node 2:uz")
@@ -75,9 +75,7 @@ def test_rows_are_those_that_a_unit_load_moves(platform):
             for node, at in rows
         ]
         column = 1e3 * flexibility[:, base.dofs(label)]
-        np.testing.assert_allclose(
-            moved, column, rtol=1e-7, atol=1e-9 * np.abs(column).max()
-        )
+        assert_allclose(moved, column, rtol=1e-7, atol=1e-9 * np.abs(column).max())
 
 
 def test_moving_mass_is_that_of_members_and_node_loads(platform):
@@ -121,7 +119,3 @@ def test_what_cannot_be_read_is_refused(spoil, given, message):
     arguments = {"mass_combo_name": "mass", "mass_direction": "Z", "gravity": 9.81}
     with pytest.raises(ValueError, match=message):
         ef.from_pynite(model, **arguments | given)
-
-
-def test_the_example_of_the_docstring():
-    run_example(ef.from_pynite)

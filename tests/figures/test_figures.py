@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-import xarray
 from matplotlib.contour import ContourSet
 from matplotlib.patches import Ellipse, StepPatch
 from numpy.testing import assert_allclose
 from scipy import stats
-from support.chains import dataset, wrap
+from support.chains import by_hand, dataset
 from support.figures import assert_readable
 
 import emcee_femu as ef
@@ -29,15 +28,9 @@ LAWS = {  # draws, and whether they are Gaussian
 
 def made(draws, bounds=None):
     """Return an ArviZ object of draws ``(chain, draw, d)``, of p0, p1, ..."""
-    names = [f"p{i}" for i in range(draws.shape[-1])]
-    values = {name: (("chain", "draw"), draws[..., i]) for i, name in enumerate(names)}
-    attributes = {"sampled": names, "sample_dims": ["chain", "draw"]}
-    groups = {"posterior": xarray.Dataset(values, attrs=attributes)}
-    if bounds is not None:
-        low, high = np.transpose(bounds)
-        constants = {"lower": ("parameter", low), "upper": ("parameter", high)}
-        groups["constant_data"] = xarray.Dataset(constants, {"parameter": names})
-    return wrap(groups)
+    ends = zip(("lower", "upper"), np.transpose(bounds or []), strict=False)
+    values = {f"p{i}": values for i, values in enumerate(np.moveaxis(draws, -1, 0))}
+    return by_hand(values, dict(ends) or None)
 
 
 def panels(figure):

@@ -30,13 +30,11 @@ def sampled(posterior):
     return ef.run(posterior, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
 
 
-def sample(model, measured):
-    term = ef.FrequencyTerm(measured, relative_sd=0.01)
-    return sampled(ef.LogPosterior(model, term, PRIOR))
-
-
 def run_of(model, measured, candidates=2):
-    return sample(ef.PairedModel(model, measured, candidates=candidates), measured)
+    term = ef.FrequencyTerm(measured, relative_sd=0.01)
+    if candidates:
+        model = ef.PairedModel(model, measured, candidates=candidates)
+    return sampled(ef.LogPosterior(model, term, PRIOR))
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +99,7 @@ def test_what_cannot_be_drawn_says_what_to_give(run):
     ):
         with pytest.raises(ValueError, match=message):
             ef.figures.plot_shapes(run, **{"geometry": TOWER} | wrong)
-    plain = sample(ef.MassSpringModel([1.0, 1.0], SPRINGS), HERTZ)
+    plain = run_of(ef.MassSpringModel([1.0, 1.0], SPRINGS), HERTZ, 0)
     for plot, options in (
         (ef.figures.plot_shapes, {"geometry": TOWER}),
         (ef.figures.plot_mac, {}),

@@ -4,6 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from support.contracts import assert_shapes
 from support.universal_file import LABELS, NODES, F, X, Y, Z, a_mode
 
 from emcee_femu import Measurements
@@ -54,9 +56,9 @@ def test_normal_modes_among_other_data_sets(pyuff, write):
     with pytest.warns(UserWarning, match=LEFT_OUT):
         m = Measurements.from_uff(path, dofs=range(6))
     assert m.sensors == LABELS and m.dofs.tolist() == [*range(6)]
-    np.testing.assert_allclose(m.frequencies, F, rtol=1e-5)  # the file has 6 digits
-    np.testing.assert_allclose(m.shapes, ROWS, rtol=1e-5)
-    np.testing.assert_array_equal(m.phase_collinearity, 1)
+    assert_allclose(m.frequencies, F, rtol=1e-5)  # the file has 6 digits
+    assert_allclose(m.shapes, ROWS, rtol=1e-5)
+    assert_array_equal(m.phase_collinearity, 1)
     assert m.sd is None and m.damping is None
 
 
@@ -79,12 +81,11 @@ def test_complex_modes(kind, pyuff, write):
     if kind == 2:  # the file states none
         assert m.damping is None and len(said) == 1
     else:
-        np.testing.assert_allclose(m.damping, damping, rtol=1e-4)
+        assert_allclose(m.damping, damping, rtol=1e-4)
         assert "30 %" in said[1]
-    np.testing.assert_allclose(m.frequencies, F, rtol=2e-5)
-    np.testing.assert_allclose(m.phase_collinearity, 1, rtol=1e-9)
-    signs = np.sign((m.shapes * ROWS).sum(axis=0))
-    np.testing.assert_allclose(m.shapes * signs, ROWS, rtol=0, atol=1e-5)
+    assert_allclose(m.frequencies, F, rtol=2e-5)
+    assert_allclose(m.phase_collinearity, 1, rtol=1e-9)
+    assert_shapes(m.shapes, ROWS, atol=1e-5)
 
 
 def test_damping_is_read_where_it_is_stated_and_is_half_the_hysteretic_one(
@@ -94,7 +95,7 @@ def test_damping_is_read_where_it_is_stated_and_is_half_the_hysteretic_one(
     hysteretic = a_mode(pyuff, 2, modal_damp_his=0.05)
     path = write(viscous, hysteretic, a_mode(pyuff, 3))
     found = Measurements.from_uff(path, sensors=["4:x", "7:y"])
-    np.testing.assert_allclose(found.damping, [0.02, 0.025, np.nan])
+    assert_allclose(found.damping, [0.02, 0.025, np.nan])
 
 
 @pytest.mark.parametrize(
@@ -130,10 +131,10 @@ def test_one_bad_mode_does_not_spoil_the_others(pyuff, write):
     with pytest.raises(ValueError, match=r"data set 1: mode 1 .*modes=\[2, 3\]"):
         Measurements.from_uff(path)
     found = Measurements.from_uff(path, modes=[2, 3])
-    np.testing.assert_allclose(found.frequencies, F[1:], rtol=1e-5)
-    np.testing.assert_allclose(found.shapes[::2], X[:, 1:] + 0.25, rtol=1e-5)
+    assert_allclose(found.frequencies, F[1:], rtol=1e-5)
+    assert_allclose(found.shapes[::2], X[:, 1:] + 0.25, rtol=1e-5)
     path.write_text(path.read_text().replace("e-01", "e-0l", 1))
-    np.testing.assert_allclose(Measurements.from_uff(path, modes=[3]).frequencies, 9.8)
+    assert_allclose(Measurements.from_uff(path, modes=[3]).frequencies, 9.8)
     for wrong in ([], [2, 2], [4]):
         with pytest.raises(ValueError, match="modes: expected numbers from 1 to 3"):
             Measurements.from_uff(path, modes=wrong)
@@ -167,12 +168,10 @@ def test_modes_of_six_directions_in_data_sets_2414(analysis, narrow, tmp_path):
     path.write_text(text + "    -1\n" + other + "    -1\n")
     found = Measurements.from_uff(path)
     assert found.sensors[:2] == ("12:x", "12:y") and found.sensors[-1] == "7:rz"
-    np.testing.assert_allclose(
-        found.frequencies, 5.0 if analysis == 2 else 5 / np.pi, 1e-5
-    )
-    np.testing.assert_allclose(found.damping, 0.02 if analysis == 2 else 0.1, 1e-5)
+    assert_allclose(found.frequencies, 5.0 if analysis == 2 else 5 / np.pi, 1e-5)
+    assert_allclose(found.damping, 0.02 if analysis == 2 else 0.1, 1e-5)
     shape = found.shapes[:, 0] / found.shapes[0, 0]
-    np.testing.assert_allclose(shape, values.ravel() / values[0, 0], rtol=2e-3)
+    assert_allclose(shape, values.ravel() / values[0, 0], rtol=2e-3)
 
 
 def a_result(**changes):
@@ -184,19 +183,19 @@ def a_result(**changes):
 
 def test_a_result_of_pyoma2():
     m = Measurements.from_pyoma2(a_result(), sensors=[*"abc"], dofs=[2, 1, 0])
-    np.testing.assert_array_equal(m.frequencies, F)
-    np.testing.assert_array_equal(m.sd, [0.003, 0.005, 0.01])
-    np.testing.assert_allclose(m.shapes, X, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(m.damping, [0.01, 0.02, 0.01])
+    assert_array_equal(m.frequencies, F)
+    assert_array_equal(m.sd, [0.003, 0.005, 0.01])
+    assert_allclose(m.shapes, X, rtol=0, atol=1e-12)
+    assert_array_equal(m.damping, [0.01, 0.02, 0.01])
     assert m.damping_sd is None
     assert m.shape_sd is None and m.sensors == (*"abc",)
     assert m.dofs.tolist() == [2, 1, 0]
     m = Measurements.from_pyoma2(a_result(), shape_sd=True)
-    np.testing.assert_array_equal(m.shape_sd, 0.02)
+    assert_array_equal(m.shape_sd, 0.02)
     doubtful = a_result(Xi=[0.01, -0.02, np.nan], Xi_std=np.full(3, 1e-3))
     m = Measurements.from_pyoma2(doubtful)
-    np.testing.assert_array_equal(m.damping, [0.01, np.nan, np.nan])
-    np.testing.assert_array_equal(m.damping_sd, 1e-3)
+    assert_array_equal(m.damping, [0.01, np.nan, np.nan])
+    assert_array_equal(m.damping_sd, 1e-3)
 
 
 def test_modes_of_pyoma2_are_put_in_ascending_order_and_chosen():
@@ -209,7 +208,7 @@ def test_modes_of_pyoma2_are_put_in_ascending_order_and_chosen():
     m = Measurements.from_pyoma2(plain, shape_sd=True)
     n = Measurements.from_pyoma2(mixed, shape_sd=True, modes=[1, 2])
     for field in ("frequencies", "sd", "shapes", "shape_sd", "damping"):
-        np.testing.assert_array_equal(getattr(m, field)[..., [0, 2]], getattr(n, field))
+        assert_array_equal(getattr(m, field)[..., [0, 2]], getattr(n, field))
 
 
 @pytest.mark.parametrize(

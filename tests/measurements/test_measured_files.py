@@ -1,5 +1,9 @@
+import csv
+from collections import Counter
+
 import numpy as np
 import pytest
+from support.universal_file import F, write_modes
 
 from emcee_femu import Measurements
 
@@ -155,3 +159,40 @@ def test_a_file_in_another_encoding_says_how_to_save_it(tmp_path):
     (tmp_path / "test.csv").write_bytes("quantity,Mode \xe4".encode("latin-1"))
     with pytest.raises(ValueError, match="test.csv: .*UTF-8"):
         Measurements.from_csv(tmp_path / "test.csv")
+
+
+CSV = FILLED_IN.partition("shape sd")[0]
+
+
+def cut(path, text, step, tail, read):
+    """Yield the texts that end anywhere and were read all the same, and as what."""
+    for end in range(0, len(text), step):
+        path.write_bytes((text[:end] + tail).encode("latin-1"))
+        try:
+            yield text[:end] + tail, read(path)
+        except ValueError as error:
+            arguments = ("frequencies", "sd", "shapes", "sensors", "dofs")
+            assert str(error).startswith((str(path), *arguments)), error
+
+
+def cells(text):
+    """Return how often each filled cell below the titles is there."""
+    rows = [*csv.reader(text.splitlines())][1:]
+    filled = [c for row in rows for c in row if c.strip("-") not in ("", "nan")]
+    return Counter(c.removesuffix("0").removesuffix(".") for c in filled)
+
+
+@pytest.mark.parametrize("tail", ["", "nan\n", '"', "\0", "1e999\n"])
+def test_a_csv_file_that_ends_anywhere_is_refused_or_read_in_full(tmp_path, tail):
+    path = tmp_path / "modes"
+    for text, found in cut(path, CSV, 3 if tail else 1, tail, Measurements.from_csv):
+        assert tail or found.shapes is None or np.isfinite(found.shapes).all()
+        found.to_csv(path)
+        assert not cells(text) - cells(path.read_text()), text
+
+
+@pytest.mark.parametrize("tail", ["", "    -1\n", "\0", "1e999\n"])
+def test_a_universal_file_that_ends_anywhere_is_refused_or_read(tmp_path, tail):
+    path = write_modes(tmp_path / "modes")
+    for _, found in cut(path, path.read_text(), 97, tail, Measurements.from_uff):
+        np.testing.assert_array_equal(found.frequencies, F[: found.n_modes])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy import sparse
 from support.derivatives import assert_jacobian
 
@@ -51,12 +52,10 @@ def test_functions_of_parameters_multiply_matrices(kind):
     solution = model(AT)
     for i, values in enumerate(zip(*AT.values(), strict=True)):
         exact = solve_directly(*values)
-        np.testing.assert_allclose(
-            solution.frequencies[i], exact.frequencies[0], rtol=1e-9
-        )
+        assert_allclose(solution.frequencies[i], exact.frequencies[0], rtol=1e-9)
         mac = np.abs(np.diagonal(solution.shapes[i].T @ exact.shapes[0]))
         own = (exact.shapes[0] ** 2).sum(axis=0)
-        np.testing.assert_allclose(mac, own, rtol=1e-6)
+        assert_allclose(mac, own, rtol=1e-6)
     assert_jacobian(plate(kind, shapes=[2, 7]), arrays(AT))
 
 
@@ -66,7 +65,7 @@ def test_slopes_of_polynomials_up_to_degree_four_are_exact():
     x = np.array([-2.0, 0.0, 3e-7, 1e9])
     (slopes, _) = model.coefficients.slopes({"x": x})["x"]
     exact = np.array([p * x ** (p - 1) for p in (1, 2, 3, 4)]).T
-    np.testing.assert_allclose(slopes, exact, rtol=1e-11, atol=1e-11)
+    assert_allclose(slopes, exact, rtol=1e-11, atol=1e-11)
 
 
 def test_static_models_take_them():
@@ -78,20 +77,21 @@ def test_static_models_take_them():
         for E, t, k in zip(*at.values(), strict=True)
     ]
     exact = np.linalg.inv(stiffness)[:, :, -1]
-    np.testing.assert_allclose(static(at)["displacement"][:, 0], exact, rtol=1e-8)
+    assert_allclose(static(at)["displacement"][:, 0], exact, rtol=1e-8)
     assert_jacobian(static, at)
 
 
 def test_the_flexibility_of_frfs_takes_them():
     options = {"damping": 0.01, "residual": True}
-    frf = ef.frf.FRFModel(plate(shapes=True), [0.01, 0.02], [(2, 5)], **options)
+    named = plate(shapes={"left": 2, "right": 5})
+    frf = ef.frf.FRFModel(named, [0.01, 0.02], [("left", "right")], **options)
     first = {name: value[:1] for name, value in AT.items()}
     E, t, rho, k = (value[0] for value in AT.values())
     K = E * t**3 * BENDING + E * t * MEMBRANE + k * SUPPORT
     summed = ef.MatrixModel(K, rho * t * MASS, {}, n_modes=3, shapes=True)
     whole = ef.frf.FRFModel(summed, [0.01, 0.02], [(2, 5)], **options)
     H = frf(arrays(first))["receptance"]
-    np.testing.assert_allclose(H, whole({})["receptance"], rtol=1e-8)
+    assert_allclose(H, whole({})["receptance"], rtol=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -80,11 +80,10 @@ def test_a_matrix_without_a_diagonal_is_not_definite(solver, matrix):
 
 
 def modal():
-    """Return a model of a membrane, half of whose stiffness is unknown, and values."""
+    """Return a model of a membrane, half of whose stiffness is unknown."""
     K, _ = membrane(14)
     half = {"k": sparse.csc_array(K[:105].T @ K[:105])}
-    model = ef.MatrixModel(K, sparse.eye_array(210), half, n_modes=4, shapes=[3])
-    return model, {"k": np.array([0.2, 0.7])}
+    return ef.MatrixModel(K, sparse.eye_array(210), half, n_modes=4, shapes=[3])
 
 
 def tied():
@@ -95,18 +94,17 @@ def tied():
     K = sparse.csc_array(np.block([[chain, tie.T], [tie, np.zeros((2, 2))]]))
     M = sparse.diags_array(np.r_[np.ones(n), 0, 0])
     part = sparse.diags_array(1.0 * (np.arange(n + 2) < 7))
-    model = ef.MatrixModel(K, M, {"k": part}, n_modes=4, shapes=[3])
-    return model, {"k": np.array([0.2, 0.7])}
+    return ef.MatrixModel(K, M, {"k": part}, n_modes=4, shapes=[3])
+
+
+VALUES = {"k": np.array([0.2, 0.7])}
 
 
 def answers_of(kind):
     if kind == "static":
-        model, values = sprung(14)[0], {"k": np.array([0.2, 0.7])}
-        response, slopes = model.jacobian(values)
+        response, slopes = sprung(14)[0].jacobian(VALUES)
         return response["displacement"], slopes["displacement"]["k"]
-    response, slopes = (modal if kind == "modal" else tied)()[0].jacobian(
-        {"k": np.array([0.2, 0.7])}
-    )
+    response, slopes = (modal if kind == "modal" else tied)().jacobian(VALUES)
     shapes = np.abs(response.shapes), np.abs(slopes["shapes"]["k"])
     return response.frequencies, slopes["frequency"]["k"], *shapes
 
@@ -139,14 +137,11 @@ def test_a_pivot_that_pardiso_would_replace_is_left_to_superlu(monkeypatch):
 
 def test_models_refuse_alike_with_either_solver(solver):
     with pytest.raises(ValueError, match=r"mode 1 is not elastic .* \{'k': -1.0\}"):
-        modal()[0]({"k": np.array([-1.0])})
+        modal()({"k": np.array([-1.0])})
     K, _ = membrane(14)
     off = sparse.diags_array([np.ones(209), np.ones(209)], offsets=[1, -1])
     with pytest.raises(ValueError, match="M0 is not positive definite"):
         ef.MatrixModel(K, sparse.csc_array(off + sparse.eye_array(210)), {}, n_modes=2)
-
-
-# --- PARDISO's memory, threads and processes
 
 
 def test_memory_lasts_as_long_as_a_solve(pardiso):
@@ -194,7 +189,7 @@ def test_the_number_of_threads_changes_no_bit(pardiso):
 
 
 def test_a_model_that_was_solved_is_sent_to_other_processes(pardiso):
-    model, values = modal()
-    before = model(values).frequencies
-    after = pickle.loads(pickle.dumps(model))(values).frequencies
+    model = modal()
+    before = model(VALUES).frequencies
+    after = pickle.loads(pickle.dumps(model))(VALUES).frequencies
     np.testing.assert_array_equal(before, after)

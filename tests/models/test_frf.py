@@ -9,7 +9,7 @@ import emcee_femu as ef
 
 LINES = np.linspace(0.4, 12.0, 40)
 W = 2 * np.pi * LINES
-CHANNELS = [(0, 2), (2, 2), (1, 2)]
+CHANNELS = [(0, 2), (2, 2), (1, 0)]
 KINDS = {"receptance": 0, "mobility": 1, "accelerance": 2}
 RNG = np.random.default_rng(5)
 

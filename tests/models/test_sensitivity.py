@@ -1,5 +1,6 @@
-"""Derivatives of frequencies and shapes, of every modal model."""
+"""Derivatives of frequencies and shapes, of every modal model and of pairs."""
 
+import pickle
 from functools import cache
 
 import numpy as np
@@ -8,7 +9,7 @@ from scipy import sparse
 from support.beams import BOUNDS, OPTIONS, draws, reduce, three_parts
 from support.derivatives import assert_jacobian
 
-from emcee_femu import FrameModel, MassSpringModel, MatrixModel, Section
+import emcee_femu as ef
 
 SIZE = 9
 
@@ -41,20 +42,20 @@ def mass_spring():
         "k1": (0, 1, 1.0), "k2": (1, 2, 0.5), "k3": (2, 3, 0.7), "k4": (3, 4, 0.3),
         "k5": (1, 4, "k2"),
     }  # fmt: skip
-    return MassSpringModel([1.0, 2.0, 3.0, 1.5], springs, shapes=[2, 0])
+    return ef.MassSpringModel([1.0, 2.0, 3.0, 1.5], springs, shapes=[2, 0])
 
 
 def frame(supports, skip=0):
     twist = 50.0 if skip else "GJ"
-    column = Section(
+    column = ef.Section(
         E="E", GJ=twist, rho="rho", A="A", Iy="I", Iz="I", orientation=(0, 1, 0.3)
     )
-    beams = Section(
+    beams = ef.Section(
         E="E", GJ=700.0, rho=2700.0, A="A2", Iy=2e-9, Iz="Iz", orientation=(1, 0, 0.3)
     )
     points = [(0, 0, 0), (0, 0, 0.2), (0.3, 0, 0.2), (0.3, 0.2, 0), (0.5, 0.1, 0.2)]
     elements = [(0, 1, "column"), (1, 2, "beam"), (2, 3, "column"), (2, 4, "beam")]
-    return FrameModel(
+    return ef.FrameModel(
         points, elements, {"column": column, "beam": beams}, supports,
         modes=[1, 2, 4, 5], skip=skip, shapes=["1:ux", "2:uy", "4:uz", "4:rx"],
     )  # fmt: skip
@@ -73,7 +74,7 @@ def dense(K_names, M_names, **options):
     rng = np.random.default_rng(6)
     K, M = ({name: spd(rng) for name in names} for names in (K_names, M_names))
     options = {"n_modes": 4, "shapes": [1, 5]} | options
-    return MatrixModel(30 * spd(rng), spd(rng), K, M, **options)
+    return ef.MatrixModel(30 * spd(rng), spd(rng), K, M, **options)
 
 
 def free_chain(kind):
@@ -83,13 +84,13 @@ def free_chain(kind):
         for units in (chain(n, first=False), masses(n))
     )
     K0, M0 = kind(np.zeros((n, n))), kind(0.5 * np.eye(n))
-    return MatrixModel(K0, M0, K, M, n_modes=4, skip=1, shapes=True)
+    return ef.MatrixModel(K0, M0, K, M, n_modes=4, skip=1, shapes=True)
 
 
 def loaded_beam(lumped, free=False):
     K0, M0, K = three_parts(free, lumped)
     load = sparse.csc_array(([1.0], ([100], [100])), shape=K0.shape)
-    return MatrixModel(K0, M0, K, {"load": load}, skip=2 * free, **OPTIONS)
+    return ef.MatrixModel(K0, M0, K, {"load": load}, skip=2 * free, **OPTIONS)
 
 
 def beam_parameters(free=False):
@@ -99,7 +100,7 @@ def beam_parameters(free=False):
 
 @cache
 def reduced_beam():
-    return reduce(MatrixModel(*three_parts(), **OPTIONS), BOUNDS)
+    return reduce(ef.MatrixModel(*three_parts(), **OPTIONS), BOUNDS)
 
 
 CASES = {
@@ -123,12 +124,9 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_derivatives_are_those_of_differences(case):
     model, parameters = (make() for make in CASES[case])
-    slender = isinstance(model, FrameModel) or "left" in parameters
+    slender = isinstance(model, ef.FrameModel) or "left" in parameters
     step = 6e-3 if slender else 1e-3  # slender beams round more
     assert_jacobian(model, parameters, step)
-
-
-# --- modes that coincide
 
 
 def twins(kind, n_modes, tied, size=30):
@@ -140,7 +138,7 @@ def twins(kind, n_modes, tied, size=30):
     K = {"k": kind(left + right)} if tied else {"a": kind(left), "b": kind(right)}
     M0, M = kind(np.eye(2 * size)), {"m": kind(np.eye(2 * size))}
     nothing = kind(np.zeros((2 * size, 2 * size)))
-    return MatrixModel(nothing, 0.5 * M0, K, M, n_modes=n_modes, shapes=True)
+    return ef.MatrixModel(nothing, 0.5 * M0, K, M, n_modes=n_modes, shapes=True)
 
 
 @pytest.mark.parametrize("kind", [np.asarray, sparse.csc_array])
@@ -174,3 +172,90 @@ def test_modes_that_coincide_and_part_are_named(kind, n_modes):
     np.testing.assert_allclose(derivatives["shapes"]["a"], 0.0, atol=1e-3)
     first = response.frequency[1, 0] / (2 * 5.0)
     np.testing.assert_allclose(derivatives["frequency"]["a"][1, 0], first, rtol=1e-6)
+
+
+EIGHT, SENSORS = 8, [6, 0, 3, 5, 2]
+GAPS = {"apart": 0.2, "fading": 0.016, "together": 0.004}
+# Rounding, 1e-16, is divided by the gaps between three modes and the steps.
+CLOSE = {"alike": True, "tolerance": 1e-5, "alone_to": 1e-5}
+
+
+def oscillators(gap, width):
+    """Nearly equal oscillators, ``width`` of them a ``gap`` apart, weakly coupled."""
+    rng = np.random.default_rng(3)
+    basis = np.linalg.qr(rng.normal(size=(EIGHT, EIGHT)))[0]
+    f = np.cumprod(np.r_[1.0, np.full(width - 1, 1 + gap), np.full(EIGHT - width, 1.4)])
+    shapes = basis * f
+    K = {name: np.outer(shapes[:, i], shapes[:, i]) for i, name in enumerate("abcd")}
+    link = basis[:, 1] + basis[:, 2] - basis[:, 4] + 0.3 * basis[:, 5]
+    K["link"] = 2e-3 * np.outer(link, link)
+    M = {"m": 0.05 * np.diag(rng.uniform(0.9, 1.1, EIGHT))}
+    K0 = shapes[:, 4:] @ shapes[:, 4:].T
+    return ef.MatrixModel(K0, np.eye(EIGHT), K, M, n_modes=6, shapes=range(EIGHT))
+
+
+def double():
+    """A structure that is there twice: all its modes are double."""
+    rng = np.random.default_rng(4)
+    K, M = (
+        {
+            name: np.kron(root @ root.T, np.eye(2))
+            for name, root in zip(names, rng.normal(size=(2, 4, 4)), strict=True)
+        }
+        for names in ("ab", "cd")
+    )
+    eye = np.eye(EIGHT)
+    return ef.MatrixModel(eye, 9 * eye, K, M, n_modes=6, shapes=range(EIGHT))
+
+
+def paired(model, **options):
+    rng = np.random.default_rng(8)
+    start = {name: np.array([1 + 1e-3 * i]) for i, name in enumerate(model.names)}
+    shapes = model(start).shapes[0][SENSORS]
+    mixed = shapes[:, [2, 0, 1]] + 0.2 * rng.normal(size=(5, 3))
+    test = ef.Measurements([1.0, 1.1, 1.3], shapes=-3.0 * mixed, dofs=SENSORS)
+    return ef.PairedModel(model, test, candidates=6, **options)
+
+
+def near_one(model, n=4, spread=5e-4, seed=9):
+    rng = np.random.default_rng(seed)
+    return {name: 1 + spread * rng.uniform(-1, 1, n) for name in model.names}
+
+
+def coupled(model, parameters):
+    f = model.model(parameters).frequencies
+    return np.diff(f) / f[:, :-1] < model.min_gap
+
+
+@pytest.mark.parametrize("width", [2, 3])
+@pytest.mark.parametrize("gap", list(GAPS))
+def test_derivatives_of_paired_modes_are_those_of_differences(gap, width):
+    model = paired(oscillators(GAPS[gap], width))
+    parameters = near_one(model)
+    close = coupled(model, parameters)
+    assert (close.sum(axis=1) == (0 if gap == "apart" else width - 1)).all()
+    assert_jacobian(model, parameters, step=1e-5, **CLOSE)
+
+
+def test_a_row_of_close_modes_beside_rows_that_are_not():
+    model = paired(oscillators(GAPS["fading"], 2))
+    parameters = near_one(model)
+    parameters["b"][2] = 1.3
+    assert coupled(model, parameters).any(axis=1).tolist() == [True, True, False, True]
+    assert_jacobian(model, parameters, step=1e-5, **CLOSE)
+
+
+def test_modes_that_always_coincide_share_a_space_that_has_a_derivative():
+    model = paired(double())
+    parameters = near_one(model)
+    assert coupled(model, parameters)[:, ::2].all()
+    assert_jacobian(model, parameters, step=1e-3, **CLOSE)
+
+
+def test_only_a_model_with_derivatives_passes_them_on():
+    with_them = paired(oscillators(GAPS["apart"], 2))
+    copy = pickle.loads(pickle.dumps(with_them))
+    one, other = (m.jacobian(near_one(m))[1]["mac"]["a"] for m in (with_them, copy))
+    np.testing.assert_array_equal(one, other)
+    function = ef.FunctionModel(lambda p: [1.0], variables=with_them.model.variables)
+    assert ef.PairedModel(function, with_them.measurements).jacobian is None

@@ -13,10 +13,7 @@ TARGETS = {"gaussian": Gaussian, "bounded": BoundedTriangle}
 
 
 def wrong(target, bounded=True):
-    """Return a cheap log-density that is shifted, too wide and skew.
-
-    That of a Gaussian falls off as it does; another has the target's bounds if asked.
-    """
+    """Return a cheap log-density: shifted, too wide, skew, perhaps without bounds."""
 
     def cheap(theta):
         x = theta / target.scale
@@ -56,9 +53,14 @@ def z_of(case, scale=(1.0, 1.0, 1.0), bounded=True, **effort):
     return z
 
 
-@pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_wrong_cheap_posterior_leaves_the_target_exact(case):
-    assert z_of(case, ensembles=50, steps=5) < LIMIT
+EFFORT = [(case, 50, 5) for case in CASES]
+EFFORT += [pytest.param(case, 240, 32, marks=pytest.mark.slow) for case in CASES[1::4]]
+
+
+@pytest.mark.parametrize(("case", "ensembles", "steps"), EFFORT, ids=str)
+def test_a_wrong_cheap_posterior_leaves_the_target_exact(case, ensembles, steps):
+    """The law, at a power that sees lengths or guides which depend on walkers."""
+    assert z_of(case, ensembles=ensembles, steps=steps) < LIMIT
 
 
 def test_the_target_is_exact_where_scales_differ_or_the_screen_knows_no_bounds():
@@ -67,18 +69,8 @@ def test_the_target_is_exact_where_scales_differ_or_the_screen_knows_no_bounds()
     assert z_of(("demc", "bounded", 12, 3, 1), bounded=False, **effort) < LIMIT
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", CASES[1::4], ids=str)
-def test_the_target_is_exact_at_high_power(case):
-    """The law at the power that sees lengths or guides which depend on walkers."""
-    assert z_of(case, ensembles=240, steps=32) < LIMIT
-
-
 def stepped(move, target, generations=1, state=None):
-    """Move twelve walkers; return their state, and how many each solve was of.
-
-    The rows of the state are held to those of the target.
-    """
+    """Move twelve walkers; return their state, and how many each solve was of."""
 
     def full(theta):
         solved.append(len(theta))
@@ -98,30 +90,23 @@ def stepped(move, target, generations=1, state=None):
     return state, solved
 
 
-class Asked:
-    """A cheap density that knows how many points it was asked for at once."""
-
-    def __init__(self, density):
-        self.density, self.sizes = density, []
-
-    def __call__(self, theta):
-        self.sizes.append(len(theta))
-        return self.density(theta)
-
-
 def test_each_density_is_evaluated_once_a_step_and_anew_where_a_walker_was_changed():
-    target, steps = Gaussian(), 3
-    cheap = Asked(wrong(target))
+    target, steps, sizes = Gaussian(), 3, []
+
+    def cheap(theta):
+        sizes.append(len(theta))
+        return wrong(target)(theta)
+
     move = ef.moves.DelayedAcceptanceMove(DEMCMove(), cheap, steps)
     state, solved = stepped(move, target, 5)
-    assert cheap.sizes == [12] + 5 * 2 * steps * [6]  # the start, then two halves
+    assert sizes == [12] + 5 * 2 * steps * [6]  # the start, then two halves
     assert sum(solved) == move.full_solves <= 60 and 0 not in solved
     assert move.proposed == 5 * 12 * steps
     assert f"{1 - move.full_solves / move.proposed:.1%} saved" in str(move)
     state.coords[3] += 0.1
     state.log_prob[3] = target(state.coords[3:4])[0]
     stepped(move, target, state=state)
-    assert cheap.sizes[1 + 5 * 2 * steps :] == [1] + 2 * steps * [6]
+    assert sizes[1 + 5 * 2 * steps :] == [1] + 2 * steps * [6]
 
 
 def test_an_exact_screen_accepts_all_that_it_passes_and_none_that_did_not_move():

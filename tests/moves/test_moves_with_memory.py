@@ -89,22 +89,15 @@ class Own(emcee.moves.StretchMove):
         return super().propose(model, state)
 
 
-def by_function(theta, random):
-    return theta + 0.1 * random.standard_normal(theta.shape), np.zeros(len(theta))
-
-
 MEMORYLESS = {
     "counts": Own(),
     "KDE": emcee.moves.KDEMove(),
     "random": emcee.moves.GaussianMove([0.1, 0.2], mode="random"),
-    "function": emcee.moves.MHMove(by_function),
+    "function": emcee.moves.MHMove(
+        lambda x, rng: (x + 0.1 * rng.standard_normal(x.shape), np.zeros(len(x)))
+    ),
     "all": [(emcee.moves.DEMove(), 0.5), (emcee.moves.StretchMove(), 0.5)],
 }
-
-
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "run.chain"
 
 
 @pytest.mark.parametrize("move", [*REMEMBERING.values(), *FORGETFUL.values()])

@@ -16,10 +16,7 @@ N = 20_000
 
 
 def asked(move, start):
-    """Return what a move proposes from walkers ``start (n, d)`` that it moves at once.
-
-    It is what emcee would have to evaluate; nothing is accepted.
-    """
+    """Return what a move proposes from walkers ``(n, d)``; nothing is accepted."""
     proposed = []
 
     def refuse(theta):

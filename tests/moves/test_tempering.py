@@ -31,13 +31,13 @@ INNER = {  # each with the walkers of a block; those of the package move togethe
 class Blocks:
     """The tempered targets of all blocks as one."""
 
-    def __init__(self, target, betas):
-        self.target, self.betas = target, betas
+    def __init__(self, target):
+        self.target = target
 
     def sample(self, rng, size):
         ensembles, nwalkers = size
-        n = ensembles * nwalkers // len(self.betas)
-        blocks = [self.target.sample(rng, n, beta) for beta in self.betas]
+        n = ensembles * nwalkers // len(BETAS)
+        blocks = [self.target.sample(rng, n, beta) for beta in BETAS]
         return np.concatenate([b.reshape(ensembles, -1, 3) for b in blocks], axis=1)
 
     def __call__(self, theta):
@@ -45,22 +45,17 @@ class Blocks:
 
     def statistics(self, theta):
         n, walkers, _ = theta.shape
-        blocks = zip(np.split(theta, len(self.betas), axis=1), self.betas, strict=True)
+        blocks = zip(np.split(theta, len(BETAS), axis=1), BETAS, strict=True)
         values = [self.target.statistics(x.reshape(-1, 3), beta) for x, beta in blocks]
-        return np.column_stack(values).reshape(n, walkers // len(self.betas), -1)
-
-
-def largest_z(move, target, block=8, ensembles=50, steps=6):
-    n = block * len(move.betas)
-    return exact_start(move, Blocks(target, move.betas), n, ensembles, steps)
+        return np.column_stack(values).reshape(n, walkers // len(BETAS), -1)
 
 
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("inner", INNER)
 def test_every_block_keeps_its_tempered_target(target, inner):
     move, block = INNER[inner]
-    tempered = ef.moves.TemperedMove(move, BETAS)
-    assert largest_z(tempered, TARGETS[target], block, ensembles=50) < LIMIT
+    blocks, n = Blocks(TARGETS[target]), block * len(BETAS)
+    assert exact_start(ef.moves.TemperedMove(move, BETAS), blocks, n, 50, 6) < LIMIT
 
 
 def test_each_block_accepts_by_its_own_power_of_the_likelihood():
@@ -105,8 +100,6 @@ def test_every_pair_of_blocks_exchanges_by_the_ratio_of_its_likelihoods(betas):
 
 POSTERIOR = ef.paper.mass_spring().posterior
 MOVE = ef.moves.TemperedMove(DEMCMove(), [1.0, 0.2, 0.0])
-
-
 OTHER = ef.moves.TemperedMove(DEMCMove(mode_jump=1.0), [1, 0.3, 0])
 
 
@@ -128,14 +121,12 @@ def test_what_does_not_fit_the_temperatures_is_refused(options, error, named):
         sampler.run_mcmc(np.random.default_rng(1).normal(size=(36, 2)), 1)
 
 
-def cut(parameters, modes):
-    return np.where(parameters["a"] > 0.5, 0.0, -np.inf)
-
-
 def test_zero_likelihood_stays_forbidden_at_beta_zero():
     model = ef.FunctionModel(lambda p: [1.0], n_modes=1)
     prior = ef.IndependentPrior({"a": stats.uniform(0, 1)})
-    posterior = ef.LogPosterior(model, cut, prior)
+    posterior = ef.LogPosterior(
+        model, lambda p, modes: np.where(p["a"] > 0.5, 0.0, -np.inf), prior
+    )
     start = np.random.default_rng(1).random((20, 1)) / 2 + 0.5
     start[[0, 12]] = 0.2  # plain emcee lets walkers start where they may not be
     move = ef.moves.TemperedMove(DEMCMove(), [1.0, 0.0])

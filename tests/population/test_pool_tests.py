@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy import stats
-from support.normal_tests import many, normal_test
-from support.repeated import as_idata
+from support.normal_tests import as_idata, many, normal_test
 
 import emcee_femu as ef
 

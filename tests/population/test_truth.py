@@ -1,18 +1,12 @@
-"""Pooled tests against quadrature, a joint run of all parameters, and calibration."""
+"""Pooled tests against closed forms, and calibration of their population."""
 
 import numpy as np
 import pytest
 from scipy import stats
-from support import repeated
 from support.normal_tests import many
 
 import emcee_femu as ef
-from emcee_femu.extensions.population.normal import (
-    Draws,
-    PopulationModel,
-    PopulationTerm,
-    read_tests,
-)
+from emcee_femu.extensions.population import normal
 
 PLAIN = ef.population.NormalPopulation(["k1", "k2"])
 BOX = np.array([[6.0, 14.0], [3.0, 7.0]])
@@ -20,36 +14,25 @@ BOX = np.array([[6.0, 14.0], [3.0, 7.0]])
 
 def model(tests, population, number=10_000):
     """Return the likelihood of a population."""
-    draws = read_tests(tests, population.names, number)
+    draws = normal.read_tests(tests, population.names, number)
     complete = population.complete(*next(iter(draws.values())).prior)
-    return PopulationModel(complete, draws)
+    return normal.PopulationModel(complete, draws)
 
 
 def at(population, rows):
     return dict(zip(population.parameters, np.transpose(rows), strict=True))
 
 
-def test_marginals_are_those_of_quadrature():
+def test_marginals_are_those_in_closed_form():
     """Priors divided out, densities normalised, each test's weights its own."""
-    rng = np.random.default_rng(1)
-    measured = repeated.frequencies(np.array([1.05, 0.95]), np.array([1.1, 1.2]))
-    tests = {str(i): repeated.make_test(rng, m, 20_000) for i, m in enumerate(measured)}
-    found = model(tests, PLAIN, 20_000)
-    rows = [[1.0, 1.1, 0.1, 0.1], [1.05, 1.12, 0.05, 0.08], [0.97, 1.2, 0.2, 0.03]]
-    rows += [[1.05, 1.15, 0.4, 0.4]]
-    pooled = found(at(PLAIN, rows))["log_marginal"]
-    grid = repeated.GRID
-    k1, k2 = np.meshgrid(grid, grid, indexing="ij")
-    likelihoods = [np.exp(repeated.log_likelihood(m, k1, k2)) for m in measured]
-    exact = np.array(
-        [
-            [stats.norm(a, s).pdf(grid) @ own @ stats.norm(b, t).pdf(grid)
-             for own in likelihoods]
-            for a, b, s, t in rows
-        ]
-    )  # fmt: skip
+    tests, measured = many(1, tests=2, number=20_000, width=0.3)
+    rows = [[10.0, 5.0, 0.5, 0.5], [10.2, 5.1, 0.3, 0.2], [9.8, 5.2, 0.6, 0.3]]
+    rows += [[10.2, 4.9, 1.5, 1.5]]
+    pooled = model(tests, PLAIN, 20_000)(at(PLAIN, rows))["log_marginal"]
+    mean, sd = np.split(np.array(rows)[:, None], 2, axis=2)
+    exact = stats.norm(mean, np.hypot(sd, 0.2)).logpdf(measured).sum(axis=2)
     # Each is known but for a constant.
-    apart = (pooled - pooled[0]) - np.log(exact / exact[0])
+    apart = (pooled - pooled[0]) - (exact - exact[0])
     np.testing.assert_allclose(apart, 0, atol=0.06)
 
 
@@ -59,13 +42,11 @@ def test_a_population_is_normalised_inside_the_bounds_and_impossible_beyond():
     mean, sd = np.split(np.array(rows), 2, axis=1)
     law = stats.norm(mean, sd)
     mass = (law.cdf(BOX[:, 1]) - law.cdf(BOX[:, 0])).prod(axis=1)
-    gained = (
-        cut(at(PLAIN, rows))["log_marginal"] - free(at(PLAIN, rows))["log_marginal"]
-    )
-    np.testing.assert_allclose(gained, -np.log(mass)[:, None] * [1, 1], rtol=1e-9)
+    own, other = (m(at(PLAIN, rows))["log_marginal"] for m in (cut, free))
+    np.testing.assert_allclose(own - other, -np.log(mass)[:, None] * [1, 1], rtol=1e-9)
     rows = [[10.0, 5.0, 0.5, 0.5], [15.5, 5.0, 1.0, 0.5], [10.0, 7.5, 0.1, 0.3]]
     rows += [[10.0, 5.0, 1e-9, 1e-9], [10.0, 5.0, 1e-12, 0.0]]
-    likely = PopulationTerm(cut.variables)({}, cut(at(PLAIN, rows)))
+    likely = normal.PopulationTerm(cut.variables)({}, cut(at(PLAIN, rows)))
     np.testing.assert_array_equal(likely > -100, [True, False, False, True, True])
     assert likely[3] == pytest.approx(likely[4], abs=1e-6)  # no draw alone decides
 
@@ -77,14 +58,11 @@ HYPER = {
     "sd k2": stats.uniform(0.03, 0.1),
 }
 POPULATION = ef.population.NormalPopulation(["k1", "k2"], hyperpriors=HYPER)
-ERROR, WIDTH, CENTRE = (
-    0.1,
-    0.12,
-    1.15,
-)  # of ln of the tests' own prior, which pulls hard
+ERROR = 0.1
+WIDTH, CENTRE = 0.12, 1.15  # of ln of the tests' own prior, which pulls hard
 
 
-class Unnormalised(PopulationModel):
+class Unnormalised(normal.PopulationModel):
     """Forgets the constant of the population's density, wherever it is."""
 
     def __call__(self, parameters):
@@ -98,7 +76,7 @@ def keep_prior(draws):
     return draws._replace(log_prior=0 * draws.log_prior)
 
 
-def calibrate(datasets, seed, kind=PopulationModel, bend=lambda draws: draws):
+def calibrate(datasets, seed, kind=normal.PopulationModel, bend=lambda draws: draws):
     """Return the least p-value of uniform ranks of the truth among weighted draws."""
     rng = np.random.default_rng(seed)
     found = np.empty((datasets, 4))
@@ -114,7 +92,7 @@ def calibrate(datasets, seed, kind=PopulationModel, bend=lambda draws: draws):
             mean = log_measured / ERROR**2 + np.log(CENTRE) / WIDTH**2
             x = mean / precision + rng.standard_normal((300, 2)) / np.sqrt(precision)
             log_prior = stats.lognorm(WIDTH, scale=CENTRE).logpdf(np.exp(x)).sum(axis=1)
-            draws[f"t{t}"] = bend(Draws(np.exp(x), log_prior, free, moments))
+            draws[f"t{t}"] = bend(normal.Draws(np.exp(x), log_prior, free, moments))
         hyper = POPULATION.prior.sample(rng, 1_500)
         total = kind(POPULATION, draws)(at(POPULATION, hyper))["log_marginal"]
         total = total.sum(axis=1)

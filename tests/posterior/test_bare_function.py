@@ -82,11 +82,9 @@ def with_blob(x):
     return np.column_stack([gaussians(x), x[:, 0]])
 
 
-def rows_with_blob(x):
-    return [(number, point[0]) for number, point in zip(gaussians(x), x, strict=True)]
-
-
-@pytest.mark.parametrize("function", [with_blob, rows_with_blob, gaussians])
+@pytest.mark.parametrize(
+    "function", [with_blob, lambda x: [*map(tuple, with_blob(x))], gaussians]
+)
 def test_all_points_at_once_are_the_points_one_by_one(function):
     posterior = of(function, BOX, vectorize=True)
     theta = posterior.start(7, 1)
@@ -120,12 +118,8 @@ def test_no_data_is_what_tables_and_the_emulator_say(cut, tmp_path):
         ef.emulate(of(gaussian, BOX), 20, seed=1)
 
 
-def sometimes_nan(x):
-    return np.nan if x[0] > 0 else gaussian(x)
-
-
 def test_nan_is_a_failed_solve():
-    posterior = of(sometimes_nan, BOX)
+    posterior = of(lambda x: np.nan if x[0] > 0 else gaussian(x), BOX)
     with pytest.raises(ValueError, match="'a': 1"):
         posterior([1.0, 0.0])
     options = DEMC | {"on_failure": "reject", "max_failures": 0.9}

@@ -4,18 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
-from support.gradients import (
-    DATA,
-    LINEAR,
-    MEASURED,
-    SHAPES,
-    Derived,
-    LinearDerived,
-    LinearModel,
-    LinearTerm,
-    Solver,
-    numerical,
-)
+from support.gradients import MEASURED, SHAPES, Derived, Solver, numerical
 
 import emcee_femu as ef
 
@@ -91,19 +80,6 @@ def test_gradient_and_information_are_those_of_the_log_posterior(terms):
     assert_allclose(
         analytic.information, by_differences.information, rtol=1e-6, atol=1e-6
     )  # some are zero
-
-
-@pytest.mark.parametrize("model", [LinearDerived(), LinearModel()])
-def test_a_conjugate_gaussian_is_exact(model):
-    prior = ef.GaussianPrior(model.names, np.zeros(3), np.ones(3))
-    posterior = ef.LogPosterior(model, LinearTerm(), prior)
-    precision = LINEAR.T @ LINEAR / 0.2**2 + np.eye(3)
-    mean = np.linalg.solve(precision, LINEAR.T @ DATA / 0.2**2)
-    theta = posterior.start(5, seed=0)
-    local, expected = posterior.linearize(theta), (mean - theta) @ precision
-    tolerance = 1e-10 if posterior.differentiable else 1e-8
-    assert_allclose(local.gradient, expected, atol=tolerance * np.abs(expected).max())
-    assert_allclose(local.information, np.tile(precision, (5, 1, 1)), rtol=1e-8)
 
 
 def test_signs_and_lengths_of_shapes_may_differ_from_solve_to_solve():

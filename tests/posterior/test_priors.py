@@ -15,8 +15,7 @@ INF = np.inf
 def check_cut_law(prior, uncut, low, high, start, stop):
     """Check the second of two parameters; the first is 0.5 and has density 1 there.
 
-    Its density is the uncut one times a constant from low to high, integrates to one
-    from start to stop, is zero an ulp beyond the ends, and is that of the draws.
+    It is the uncut density times a constant, integrates to one, and is drawn from.
     """
 
     def logpdf(values):

@@ -1,10 +1,17 @@
-"""The likelihood under a model that knows its own error."""
+"""Linear Gaussian problems: derivatives, and a model that knows its own error."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
-from support.gradients import DATA, LINEAR, LinearDerived, LinearModel, LinearTerm
+from support.gradients import (
+    DATA,
+    LINEAR,
+    Crossing,
+    LinearDerived,
+    LinearModel,
+    LinearTerm,
+)
 
 import emcee_femu as ef
 
@@ -34,6 +41,19 @@ class Diagonal(Uncertain):
     """Without derivatives of a term directions count as independent: here they are."""
 
     directions = 0.3 * np.eye(4)[:, [0, 2]]
+
+
+@pytest.mark.parametrize("model", [LinearDerived(), LinearModel()])
+def test_a_conjugate_gaussian_is_exact(model):
+    prior = ef.GaussianPrior(model.names, np.zeros(3), np.ones(3))
+    posterior = ef.LogPosterior(model, LinearTerm(), prior)
+    precision = LINEAR.T @ LINEAR / 0.2**2 + np.eye(3)
+    mean = np.linalg.solve(precision, LINEAR.T @ DATA / 0.2**2)
+    theta = posterior.start(5, seed=0)
+    local, expected = posterior.linearize(theta), (mean - theta) @ precision
+    tolerance = 1e-10 if posterior.differentiable else 1e-8
+    assert_allclose(local.gradient, expected, atol=tolerance * np.abs(expected).max())
+    assert_allclose(local.information, np.tile(precision, (5, 1, 1)), rtol=1e-8)
 
 
 ALL, FIRST, LAST = LinearTerm(), LinearTerm(last=3), LinearTerm(first=3)
@@ -79,17 +99,8 @@ def test_a_point_that_a_term_refuses_stays_refused():
     assert_allclose(rows[kept, 3], exact(THETA[kept]))
 
 
-class Modes:
+class Modes(Crossing):
     """Two modes that change places, in their frequencies uncertain by one direction."""
-
-    names = ("a",)
-    variables = ef.modal_variables(2, [1, 2])
-
-    def __call__(self, parameters):
-        a = parameters["a"]
-        f = np.sort(np.stack([a, np.full_like(a, 10.0)], axis=1))
-        shapes = np.where((a < 10)[:, None, None], np.eye(2), np.eye(2)[::-1])
-        return ef.ModalSolution(f, shapes)
 
     def spread(self, parameters):
         response = self(parameters)
@@ -101,15 +112,14 @@ class Modes:
 
 
 def test_what_a_paired_model_knows_of_its_error():
-    measured = ef.Measurements([9.0, 10.0], shapes=np.eye(2), dofs=[1, 2])
+    measured = ef.Measurements([9.0, 10.0], shapes=np.eye(2))
     paired = ef.PairedModel(Modes(), measured, candidates=2, min_gap=0.0)
     term = ef.FrequencyTerm([9.0, 10.0], relative_sd=0.01)
-    prior = ef.GaussianPrior(["a"], [10.0], [2.0], [(5.0, 15.0)])
-    theta = np.array([[8.5], [11.5]])
+    prior = ef.GaussianPrior(["a", "b"], [10.0, 10.0], 2.0, [(5.0, 15.0)] * 2)
+    theta = np.array([[8.5, 10.0], [11.5, 10.0]])
     rows = ef.LogPosterior(paired, term, prior)(theta)
     sd = [np.hypot(0.09, 0.5), 0.1]
-    f = np.column_stack([theta, [10.0, 10.0]])
-    assert_allclose(rows[:, 2], stats.norm.logpdf(f, [9, 10], sd).sum(axis=1))
+    assert_allclose(rows[:, 2], stats.norm.logpdf(theta, [9, 10], sd).sum(axis=1))
 
 
 def test_a_spread_of_the_wrong_shape_is_refused():

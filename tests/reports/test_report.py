@@ -70,9 +70,8 @@ def test_all_that_is_known_of_a_run_is_in_its_report_and_nothing_is_elsewhere(wr
     prior = ef.IndependentPrior(laws, {"k1": (1, 30), "k2": (1, 30)})
     frequencies = ef.FrequencyTerm(TEST, discrepancy="noise")
     terms = [frequencies, ef.ShapeTerm(TEST, delta=0.05)]
-    run = sample(
-        ef.LogPosterior(ef.PairedModel(model, TEST, candidates=2), terms, prior)
-    )
+    paired = ef.PairedModel(model, TEST, candidates=2)
+    run = sample(ef.LogPosterior(paired, terms, prior))
     page, idata = write(run, discard=10), ef.to_inference_data(run, discard=10)
     for table in (
         ef.parameter_table(idata),
@@ -169,9 +168,8 @@ def test_samples_are_reported_with_what_they_know(plain, write, tmp_path):
 @pytest.mark.parametrize(("off", "short"), [(0.0, "certified"), (0.01, "corrected")])
 def test_a_certificate_is_reported_with_its_verdict(off, short, write):
     near = ef.FunctionModel(lambda p: [3 + off + (p["k"] - 9) / 6], n_modes=1)
-    run = ef.run(
-        ef.LogPosterior(near, TERM, NORMAL), ef.DEMCMove(), 20, 300, ensembles=1, seed=1
-    )
+    emulated = ef.LogPosterior(near, TERM, NORMAL)
+    run = ef.run(emulated, ef.DEMCMove(), 20, 300, ensembles=1, seed=1)
     sealed = ef.certify(ef.to_inference_data(run, discard=100), PLAIN, 100, seed=2)
     assert sealed.short == short
     page = write(sealed)

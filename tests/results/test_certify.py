@@ -4,24 +4,55 @@ import dataclasses
 import time
 from concurrent.futures import ThreadPoolExecutor
 
+import arviz
 import numpy as np
 import pytest
 from scipy import stats
-from support.chains import ar1
-from support.emulated_gaussians import (
-    COVARIANCE,
-    NEAR,
-    SHIFTED,
-    TRUE,
-    LogGaussian,
-    draws,
-    posterior,
-    sampled,
-)
+from support.chains import ar1, backend
 from support.free_posterior import box, free_posterior
 
 import emcee_femu as ef
 from emcee_femu.extensions.emulation.emulated_chain import EmulatedChain
+
+COVARIANCE = np.array([[1.0, 0.6, 0.0], [0.6, 1.0, -0.3], [0.0, -0.3, 1.0]])
+
+
+@dataclasses.dataclass(frozen=True)
+class LogGaussian:
+    """A log density that is pickled, with a level that weights must not depend on."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    level: float = 0.0
+
+    def __call__(self, theta):
+        law = stats.multivariate_normal(self.mean, self.covariance)
+        return self.level + np.atleast_1d(law.logpdf(theta))
+
+
+TRUE = LogGaussian(np.zeros(3), COVARIANCE)
+SHIFTED = LogGaussian(np.array([0.4, 0.2, -0.3]), 1.15 * COVARIANCE, 7.0)
+NEAR = LogGaussian(np.array([0.02, 0.0, -0.02]), 1.02 * COVARIANCE, -5.0)
+
+
+def posterior(law, low=-12.0, high=12.0):
+    """Return a law as a posterior inside a box, uniform prior."""
+    return free_posterior(law, box(low, high, len(law.mean)))
+
+
+def draws(law, n, seed, phi=0.0):
+    """Return an AR(1) chain of a law, ``(n, d)``; independent draws by default."""
+    white = ar1([phi] * len(law.mean), n, 1, seed)[:, 0]
+    return law.mean + white @ np.linalg.cholesky(law.covariance).T
+
+
+def sampled(emulated, theta, walkers=1):
+    """Return the ArviZ object of a run on an emulated posterior with these draws."""
+    rows = emulated(theta).reshape(len(theta) // walkers, walkers, -1)
+    coords = theta.reshape(len(rows), walkers, -1)
+    run = backend(coords, log_prob=rows[..., 0], blobs=rows[..., 1:])
+    return ef.to_inference_data([run], emulated)
+
 
 WIDE_BOX = box(-12.0, 12.0, 3)
 FAR = LogGaussian(np.array([1.6, 0.0, 0.0]), COVARIANCE)
@@ -41,9 +72,6 @@ def certify(emulated, true=TRUE, n=4_000, seed=3, solves=100, phi=0.0, **options
 @pytest.fixture(scope="module")
 def exact():
     return certify(TRUE)
-
-
-# --- moments and their errors -----------------------------------------------------
 
 
 @pytest.mark.slow
@@ -160,9 +188,6 @@ def test_corrected_means_lie_inside_the_bounds():
     assert 0 < outside < 4
 
 
-# --- the verdict --------------------------------------------------------------------
-
-
 UNEQUAL = {"efficiency": 0.6, "pareto_k": 0.9}
 LIGHT = {"pareto_k": 0.1, "effective": 40.0}
 
@@ -236,9 +261,6 @@ def test_draws_that_press_against_a_bound_of_the_emulator_are_refused():
     assert ef.certify(idata, emulated, seed=1).short == "certified"
 
 
-# --- what the draws lack ------------------------------------------------------------
-
-
 def two_modes(share, variance=0.25):
     """Return a law in the box with two modes, far from each other."""
 
@@ -274,9 +296,8 @@ def test_a_flat_part_that_the_emulator_lacks_is_refused():
         return np.logaddexp(AWAY(theta), -1.0 - 4.0 * beyond**2)
 
     true = free_posterior(log_density, WIDE_BOX)
-    found = ef.certify(
-        sampled(posterior(AWAY), draws(AWAY, 4_000, 1)), true, 80, seed=0
-    )
+    idata = sampled(posterior(AWAY), draws(AWAY, 4_000, 1))
+    found = ef.certify(idata, true, 80, seed=0)
     assert found.efficiency > 0.99 and found.short == "refused" and found.missed
 
 
@@ -300,9 +321,6 @@ def test_a_stiffness_over_decades_is_climbed_by_its_logarithm():
         refused += [again.verdict] if again.short == "refused" else []
     assert len(refused) >= 2  # by two climbs each
     assert all("s = 30" in verdict for verdict in refused)
-
-
-# --- solves that fail, files, pools -------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -390,3 +408,71 @@ def test_what_is_no_chain_of_this_posterior_is_refused():
         ef.certify(weighted, posterior(TRUE), seed=1)
     with pytest.raises(ValueError, match="^posterior"):
         ef.certify(weighted, free_posterior(len, box(0.0, 1.0, 2)), seed=1)
+
+
+SPRINGS = {"k1": (0, 1, 10.0), "k2": (1, 2, 5.0)}
+PRIOR = ef.GaussianPrior(["k1", "k2"], [10.0, 5.0], 2.0, [(2.0, 20.0), (1.0, 12.0)])
+MODEL = ef.MassSpringModel([1.0, 2.0], SPRINGS)
+MEASURED = ef.FrequencyTerm(MODEL({}).frequencies[0] * [1.01, 0.99], relative_sd=0.02)
+EXACT = ef.LogPosterior(MODEL, MEASURED, PRIOR)
+
+
+def certificate(masses, solves):
+    """Return a run of a model with other masses, and its certificate."""
+    wrong = ef.LogPosterior(ef.MassSpringModel(masses, SPRINGS), MEASURED, PRIOR)
+    run = ef.run(wrong, ef.DEMCMove(), 20, 400, seed=1, ensembles=1)
+    idata = ef.to_inference_data(run, discard=200)
+    return idata, ef.certify(idata, EXACT, solves, seed=2)
+
+
+def stored_and_read(idata, path):
+    idata.to_netcdf(str(path))
+    return arviz.from_netcdf(str(path))
+
+
+def test_tables_show_the_weighted_draws_and_say_so(tmp_path):
+    idata, found = certificate([1.01, 2.02], 300)
+    assert found.short == "corrected", found.verdict
+    exact = found.weights @ found.theta / len(found.theta)
+    true = EXACT(found.theta)[:, EXACT.columns["frequency"]]
+    order = np.argsort(found.theta[:, 0])
+    shares = np.cumsum(found.weights[order]) / found.weights.sum()
+    quantile = found.theta[order, 0][np.searchsorted(shares, 0.975)]
+    sealed = stored_and_read(found.idata, tmp_path / "weighted.nc")
+    parameters, frequencies = ef.parameter_table(sealed), ef.frequency_table(sealed)
+    np.testing.assert_allclose(parameters.column("mean"), exact, rtol=1e-4)
+    assert parameters.column("97.5 %")[0] == pytest.approx(quantile, rel=0.01)
+    means = frequencies.column("sample mean Hz")[:2]
+    expected = found.weights @ true / len(found.theta)
+    np.testing.assert_allclose(means, expected, rtol=1e-4)
+    said = parameters, frequencies, ef.predictive_table(sealed)
+    assert all("corrected" in table.title for table in said)
+    diagnosis = ef.diagnose(sealed)
+    assert diagnosis.chains.status == "none" and not diagnosis.converged
+    assert diagnosis.search == found.search
+    emulated_mean = ef.parameter_table(idata).column("mean")
+    assert np.abs(emulated_mean / exact - 1).max() > 0.01
+    # Predictive draws are taken by weight.
+    new = found.idata["new_measurement"]["frequency"][0]
+    some = found.idata["posterior_predictive"]["frequency"][0]
+    weights = found.weights[found.weights > 0]
+    exact = weights @ new.values / weights.sum()
+    error = 4 * some.std("draw").values / np.sqrt(len(some))
+    assert (abs(some.mean("draw").values - exact) < error).all()
+    assert (abs(new.values.mean(axis=0) - exact) > error).any()  # without weights
+
+
+def test_the_object_of_a_certified_posterior_is_its_chain_with_a_seal(tmp_path):
+    idata, found = certificate([1.0005, 2.001], 60)
+    assert found.short == "certified", found.verdict
+    sealed = stored_and_read(found.idata, tmp_path / "sealed.nc")
+    table = ef.parameter_table(sealed)
+    assert table.rows == ef.parameter_table(idata).rows
+    assert f"certified by {found.solves}" in table.title
+    group = sealed["certificate"]
+    assert group.attrs["verdict"] == found.verdict
+    np.testing.assert_array_equal(group["weight"].values, found.weights)
+    true = EXACT(found.theta)[:, 0]
+    np.testing.assert_allclose(group["lp"].values, true, rtol=1e-9)
+    assert ef.diagnose(sealed).chains.status != "none"
+    assert "certified" not in ef.parameter_table(idata).title  # given as it was

@@ -54,41 +54,26 @@ def test_discard_shortens_and_stuck_walkers_are_left_out_of_tau():
         assert_allclose(row, emcee.autocorr.integrated_time(kept, tol=0))
 
 
-def normal_scores(x):
-    return stats.norm.ppf((stats.rankdata(x) - 0.375) / (x.size + 0.25))
-
-
-def potential_scale(split):
-    z = normal_scores(split).reshape(split.shape)
-    n = z.shape[1]
-    ratio = z.mean(axis=1).var(ddof=1) / z.var(axis=1, ddof=1).mean()
-    return np.sqrt((n - 1) / n + ratio)
-
-
-def rank_rhat(chains):
-    """Return the rank-normalised split R-hat of chains ``(m, n)``."""
-    split = chains.reshape(2 * len(chains), -1)
-    folded = np.abs(split - np.median(split))
-    return max(potential_scale(split), potential_scale(folded))
+def by_arviz(function, chains, **options):
+    data = {"x": (("chain", "draw"), chains)}
+    table = xarray.Dataset(data, attrs={"sample_dims": ["chain", "draw"]})
+    return float(function(table, **options)["x"])
 
 
 def test_rhat_and_effective_sizes_equal_their_definitions():
+    """Of the walkers of each ensemble, of pooled ensembles, and of all walkers."""
     ensembles = [ar1([0.8, 0.2], 60, 4, seed) for seed in (3, 4)]
     ensembles[0] *= np.linspace(1, 3, 4)[:, None]  # folded ranks see it
     found = ef.diagnose([backend(chain) for chain in ensembles])
     by_walker = [chain.swapaxes(0, 1) for chain in ensembles]
-    chains = np.concatenate(by_walker)
-    for k, x in enumerate(np.moveaxis(chains, -1, 0)):
-        within = [rank_rhat(walkers[..., k]) for walkers in by_walker]
+    for k, x in enumerate(np.moveaxis(np.concatenate(by_walker), -1, 0)):
+        within = [by_arviz(az.rhat, w[..., k], method="rank") for w in by_walker]
         assert_allclose(found.rhat_within[k], max(within), rtol=1e-12)
         pooled = np.stack([walkers[..., k].ravel() for walkers in by_walker])
-        assert_allclose(found.rhat_between[k], rank_rhat(pooled), rtol=1e-12)
-        both = {"x": x, "scores": normal_scores(x).reshape(x.shape)}
-        data = {name: (("chain", "draw"), value) for name, value in both.items()}
-        table = xarray.Dataset(data, attrs={"sample_dims": ["chain", "draw"]})
-        bulk = az.ess(table, method="mean")["scores"]
-        assert_allclose(found.ess_bulk[k], bulk, rtol=1e-9)
-        ends = [az.ess(table, method="quantile", prob=p)["x"] for p in (0.05, 0.95)]
+        between = by_arviz(az.rhat, pooled, method="rank")
+        assert_allclose(found.rhat_between[k], between, rtol=1e-12)
+        assert_allclose(found.ess_bulk[k], by_arviz(az.ess, x, method="bulk"), 1e-9)
+        ends = [by_arviz(az.ess, x, method="quantile", prob=p) for p in (0.05, 0.95)]
         assert_allclose(found.ess_tail[k], min(ends), rtol=1e-9)
 
 
@@ -131,16 +116,8 @@ def test_the_largest_tau_is_right_where_each_is_too_small():
     assert 0.9 < np.max(runs, axis=(1, 2)).mean() < 1.1
 
 
-class Square:
-    variables = ef.modal_variables(2)
-
-    def __call__(self, p):
-        rows = np.stack([10 * p["stiff"] ** 2, 20 * p["alpha"]], axis=1)
-        return ef.ModalSolution(rows)
-
-
 POSTERIOR = ef.LogPosterior(
-    Square(),
+    lambda p: ef.ModalSolution(np.stack([10 * p["stiff"] ** 2, 20 * p["alpha"]], 1)),
     ef.FrequencyTerm([10.0, 25.0], beta=1e3),
     ef.GaussianPrior(["stiff", "alpha"], [1.0, 1.2], 0.1, [(0.1, 9.0)] * 2),
 )

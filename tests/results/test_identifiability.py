@@ -3,18 +3,58 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support.known_posteriors import (
-    CURVATURE,
-    GRADIENT,
-    NAMES,
-    PRIOR_SD,
-    exact_draws,
-    gaussian_posterior,
-    linear_frequencies,
-    made,
-)
+from scipy import stats
+from support.chains import by_hand
 
 import emcee_femu as ef
+
+PRIOR_SD = np.array([3.0, 2e-8, 0.5])
+NAMES = ("stiff", "area", "x")  # not in alphabetical order
+# Change of ln(lambda) of four modes with one prior sd; nothing changes the third.
+GRADIENT = np.array(
+    [[0.3, 0.0, 0.1], [-0.2, 0.05, 0.0], [0.0, 0.0, 0.0], [0.1, 0.2, 0]]
+)
+CURVATURE = np.array([0.0, 0.1, 0.0, 0.0])
+
+
+def exact_draws(covariance, mean=None, n=400, seed=0):
+    """Return draws with exactly this mean and covariance, ``(4, n / 4, d)``."""
+    d = len(covariance)
+    rng = np.random.default_rng(seed)
+    white = rng.standard_normal((n, d))
+    white -= white.mean(axis=0)
+    white = np.linalg.qr(white)[0] * np.sqrt(n - 1)
+    draws = white @ np.linalg.cholesky(covariance).T
+    return (draws + (np.zeros(d) if mean is None else mean)).reshape(4, -1, d)
+
+
+def linear_frequencies(z, gradient=GRADIENT, curvature=CURVATURE):
+    """Return ``(chain, draw, mode)`` with ln(lambda) a known function of z."""
+    log_eigenvalue = z @ gradient.T + curvature * (z**2).sum(axis=-1, keepdims=True)
+    return 10 * np.exp(0.5 * log_eigenvalue)
+
+
+def made(z, frequencies, prior_sd=PRIOR_SD, names=NAMES, **constants):
+    """Return what to_inference_data would; z is theta in prior sds."""
+    d = len(names)
+    constants = {
+        "prior_mean": np.zeros(d),
+        "prior_sd": prior_sd,
+        "is_error": np.zeros(d, dtype=bool),
+        "lower": np.full(d, -np.inf),
+        "upper": np.full(d, np.inf),
+        **constants,
+    }
+    draws = dict(zip(names, np.moveaxis(z * prior_sd, -1, 0), strict=True))
+    return by_hand(draws, constants, response={"frequency": frequencies})
+
+
+def gaussian_posterior(design, noise):
+    """Return the covariance of z ~ N(0, I) given design @ z with errors of sd noise."""
+    design = np.atleast_2d(design)
+    precision = np.eye(design.shape[1]) + design.T @ design / noise**2
+    return np.linalg.inv(precision)
+
 
 COVARIANCE = gaussian_posterior(GRADIENT[:2], 0.1)
 INFORMED = "The data inform every parameter"
@@ -158,20 +198,87 @@ def test_where_little_is_informed_the_known_combinations_are_named():
     assert text.startswith("2 of 6 independent combinations")
     assert f"1.00 f (sd ratio {first:.2g})" in text
     assert f"0.80 b + 0.60 a (sd ratio {second:.2g})" in text
-    none = ef.identifiability(
-        made(exact_draws(np.eye(6), n=4000), frequencies, np.ones(6), names)
-    )
+    z = exact_draws(np.eye(6), n=4000)
+    none = ef.identifiability(made(z, frequencies, np.ones(6), names))
     assert any(text.startswith("No combination") for text in none.findings)
 
 
 def test_a_single_parameter_has_no_partner_and_few_samples_say_nothing():
     z = exact_draws(np.array([[0.25]]), n=40)
-    found = ef.identifiability(
-        made(z, 10 * np.exp(0.5 * 0.2 * z), PRIOR_SD[:1], NAMES[:1])
-    )
+    single = made(z, 10 * np.exp(0.5 * 0.2 * z), PRIOR_SD[:1], NAMES[:1])
+    found = ef.identifiability(single)
     assert_allclose(found.sensitivities, [[0.2]], rtol=1e-9)
     assert found.table.column("with") == [""]
     z = exact_draws(np.diag([0.5, 0.5, 0.5]) ** 2)
     few = np.resize(z.reshape(-1, 3)[:29], z.shape)  # 30 are needed
     with pytest.raises(ValueError, match="30 .*29"):
         ef.identifiability(made(few, linear_frequencies(few)))
+
+
+DESIGN = np.array([[3.0, 1.0, 0.0], [1.0, -2.0, 0.0]])  # Hz per unit of the parameters
+SD, MEASURED, RELATIVE = np.array([1.0, 0.5, 2.0]), np.array([21.0, 49.0]), 0.02
+
+
+def linear_posterior(**bounds):
+    laws = {name: stats.norm(0, sd) for name, sd in zip("abc", SD, strict=True)}
+    model = ef.FunctionModel(
+        lambda p: [20 + 3 * p["a"] + p["b"], 50 + p["a"] - 2 * p["b"]], n_modes=2
+    )
+    term = ef.FrequencyTerm(MEASURED, relative_sd=RELATIVE)
+    return ef.LogPosterior(model, term, ef.IndependentPrior(laws, bounds))
+
+
+def test_a_linear_gaussian_problem_has_its_exact_answer():
+    found = ef.identifiability(ef.find_map(linear_posterior(), 3, seed=1))
+    noise = np.diag((RELATIVE * MEASURED) ** -2.0)
+    covariance = np.linalg.inv(DESIGN.T @ noise @ DESIGN + np.diag(SD**-2.0))
+    mean = covariance @ DESIGN.T @ noise @ (MEASURED - [20, 50])
+    sd = np.sqrt(np.diag(covariance))
+    # The prior's own are those of its draws, good to 1 %.
+    assert_allclose(found.sd_ratio, sd / SD, rtol=0.02)
+    assert_allclose(found.shift, mean / SD, atol=0.03)
+    assert_allclose(found.correlation, covariance / np.outer(sd, sd), atol=1e-4)
+    predicted = [20, 50] + DESIGN @ mean
+    expected = 2 * DESIGN * found.prior_sd / predicted[:, None]
+    assert_allclose(found.sensitivities, expected, atol=1e-6)
+    assert np.isnan(found.r_squared).all() and (found.at_bound == 0).all()
+    local, left = found.findings
+    assert local.startswith("Local") and left.startswith("The data leave c")
+    # The effect in errors is the design by the errors, locally and by samples: of a
+    # linear model the log-likelihood is a quadratic, whatever the samples are.
+    effect = np.linalg.norm(DESIGN / (RELATIVE * MEASURED)[:, None], axis=0)
+    assert_allclose(found.effect, effect * found.prior_sd, rtol=1e-5)
+    run = ef.run(linear_posterior(), ef.DEMCMove(), steps=30, ensembles=1, seed=1)
+    sampled = ef.identifiability(run)
+    assert_allclose(sampled.effect, effect * sampled.prior_sd, rtol=1e-5, atol=1e-5)
+
+
+def test_a_bound_pressed_upon_is_the_gaussians_not_the_samples():
+    posterior = linear_posterior(a=(0.8, 3.0), b=(-4, 4), c=(-9, 9))
+    found = ef.identifiability(ef.find_map(posterior, 3, seed=1))
+    (sentence,) = [text for text in found.findings if "pressed" in text]
+    assert sentence.startswith("a ") and "lower bound 0.8" in sentence
+    # The mean of what is inside the bounds is not on one of them.
+    assert 0.8 + 0.5 * np.sqrt(found.covariance[0, 0]) < found.mean[0] < 0.9
+
+
+@pytest.mark.parametrize("sampled", [False, True])
+def test_lognormal_priors_are_compared_by_logarithms(sampled):
+    """Fault 7: else a c.o.v. that has fallen may be "as uncertain as before"."""
+    sd, error = 0.8, 0.4
+    term = ef.FrequencyTerm([3.0], beta=(3.0 / error) ** 2)
+    laws = {"k": stats.lognorm(sd), "u": (0.5, 1.5)}
+    model = ef.FunctionModel(lambda p: [3 + np.log(p["k"])], n_modes=1)
+    prior = ef.IndependentPrior(laws, bounds={"k": (np.exp(-2.99), np.inf)})
+    posterior = ef.LogPosterior(model, term, prior)
+    if sampled:
+        run = ef.run(posterior, ef.DEMCMove(), 40, 500, ensembles=1, seed=1)
+        found = ef.identifiability(ef.to_inference_data(run, discard=100))
+        assert_allclose(found.shift[0], 0, atol=0.06)
+        assert (found.mean - found.prior_mean)[0] / found.prior_sd[0] < -0.2
+    else:
+        found = ef.identifiability(ef.find_map(posterior, 4, seed=1))
+    # ln k is normal, and 3 + ln k is measured as 3.0 +- 0.4.
+    after = 1 / np.sqrt(sd**-2 + error**-2)
+    assert_allclose(found.sd_ratio[0], after / sd, rtol=0.06)
+    assert np.isnan(found.logarithms[:, 1]).all()

@@ -28,15 +28,15 @@ DATA = ["frequency[1]", "frequency[2]", "ridge"]
 WALKERS, STEPS, MODES = 10, 24, 4
 
 
-class Model:
-    def __init__(self, n_modes=MODES):
-        self.n_modes, self.variables = n_modes, ef.modal_variables(n_modes)
-
-    def __call__(self, p):
+def model_of(n_modes=MODES):
+    def model(p):
         f1 = 10 * np.sqrt(p["stiff"])
         f3 = 40 * p.get("mass", np.ones(len(f1)))
         rows = np.stack([f1, 25 + p["alpha"], f3, 90 + f1, 99 + f1], axis=1)
-        return ef.ModalSolution(rows[:, : self.n_modes])
+        return ef.ModalSolution(rows[:, :n_modes])
+
+    model.variables = ef.modal_variables(n_modes)
+    return model
 
 
 def ridge(parameters, modes):
@@ -44,7 +44,7 @@ def ridge(parameters, modes):
 
 
 POSTERIOR = ef.LogPosterior(
-    Model(),
+    model_of(),
     [ef.FrequencyTerm(MEASURED, beta=1e3), ridge],
     ef.GaussianPrior(NAMES, MEAN, SD, BOUNDS),
     units={"stiff": "N/m"},
@@ -193,10 +193,8 @@ def test_the_prior_predicts_new_measurements(runs):
     z = (predicted.values[0] - exact) / (np.array(MEASURED) / np.sqrt(1e3))
     assert_allclose(z.mean(axis=0), 0, atol=4 / np.sqrt(count))
     assert_allclose(z.std(axis=0), 1, atol=4 / np.sqrt(2 * count))
-    beside = dataset(
-        ef.to_inference_data(runs, prior_predictive=count), "prior_predictive"
-    )
-    assert beside["frequency"].equals(predicted)
+    both = ef.to_inference_data(runs, prior_predictive=count)
+    assert dataset(both, "prior_predictive")["frequency"].equals(predicted)
 
 
 def test_arviz_takes_the_result_and_compares_each_datum_of_a_term(runs, idata):
@@ -237,7 +235,7 @@ def test_netcdf_round_trip_keeps_every_number_and_the_tables(idata, tmp_path):
 def finished(n=3, n_modes=MODES, steps=3):
     prior = ef.GaussianPrior(NAMES[:n], MEAN[:n], 0.1)
     term = ef.FrequencyTerm(MEASURED, beta=1e3)
-    posterior = ef.LogPosterior(Model(n_modes), term, prior)
+    posterior = ef.LogPosterior(model_of(n_modes), term, prior)
     return list(ef.run(posterior, ef.DEMCMove(), WALKERS, steps, seed=1, ensembles=1))
 
 
@@ -323,9 +321,8 @@ def test_terms_on_different_numbers_of_modes_stay_apart(terms, prefix):
     target = ef.LogPosterior(Five(), terms, PRIOR)
     if prefix:
         target = ef.LogPosterior.joint({"test": (Five(), terms)}, PRIOR)
-    idata = ef.to_inference_data(
-        ef.run(target, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
-    )
+    run = ef.run(target, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
+    idata = ef.to_inference_data(run)
     stored = {*dataset(idata, "log_likelihood")["data"].datum.values.tolist()}
     for term, name in zip(terms, ("", f"[{terms[1].name}]"), strict=True):
         observed = dataset(idata, "observed_data")[f"{prefix}frequency{name}"]
@@ -347,34 +344,30 @@ def test_a_shape_term_may_compare_fewer_modes_than_are_paired():
     assert stored["mode"].values.tolist() == [1, 2]
 
 
-def peak_of(function, *arguments, **options):
-    """Return what a call adds to memory at most, in bytes, and its result."""
+def memory_of(function, *arguments, **options):
+    """Return what a call holds in the end and at most, in bytes, and its result."""
     tracemalloc.start()
     result = function(*arguments, **options)
-    peak = tracemalloc.get_traced_memory()[1]
+    held, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    return peak, result
-
-
-def model_of_twenty(parameters):
-    return ef.ModalSolution(np.arange(1, 21) + 0.01 * parameters["k"][:, None])
+    return held, peak, result
 
 
 TWENTY = ef.LogPosterior(
-    model_of_twenty, ef.FrequencyTerm(np.arange(1, 21), beta=1e2), PRIOR
+    lambda p: ef.ModalSolution(np.arange(1, 21) + 0.01 * p["k"][:, None]),
+    ef.FrequencyTerm(np.arange(1, 21), beta=1e2),
+    PRIOR,
 )
 
 
 def test_memory_stays_flat_while_a_file_grows_and_a_conversion_takes_little(tmp_path):
-    options, peaks = {"nwalkers": 128, "ensembles": 1, "seed": 1}, []
-    for steps in (2, 15, 50):  # the first one pays for imports
-        file, steps = tmp_path / f"{steps}.run", {"steps": steps}
-        move = ef.DEMCMove()
-        peak, run = peak_of(ef.run, TWENTY, move, **options, **steps, backend=file)
-        peaks.append(peak)
-    assert peaks[2] - peaks[1] < 0.1 * (50 - 15) * 128 * (1 + 1 + 2 + 20) * 8
+    options = {"nwalkers": 128, "ensembles": 1, "seed": 1}
+    for steps in (2, 50):  # the first one pays for imports
+        options |= {"steps": steps, "backend": tmp_path / f"{steps}.run"}
+        held, _, run = memory_of(ef.run, TWENTY, ef.DEMCMove(), **options)
+    assert held < 0.25 * 50 * 128 * (1 + 1 + 2 + 20) * 8
     ef.to_inference_data(run, discard=49)  # imports
-    least, _ = peak_of(ef.to_inference_data, run, discard=49)  # of the prior
-    peak, idata = peak_of(ef.to_inference_data, run)
+    _, least, _ = memory_of(ef.to_inference_data, run, discard=49)  # of the prior
+    _, peak, idata = memory_of(ef.to_inference_data, run)
     kept = sum(dataset(idata, group).nbytes for group in ("posterior", "response"))
     assert kept < peak < 1.5 * least + 10 * kept  # 5 times it with NumPy 2.4

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
-from support.chains import wrap
+from support.chains import by_hand
+from support.gradients import Crossing
 
 import emcee_femu as ef
 
@@ -13,33 +14,18 @@ WIDTH = 2 * stats.norm.ppf(0.975)
 
 
 def made(frequency, by=None, drawn=None, **paired):
-    """Return what to_inference_data would, from arrays ``(chain, draw, mode)``.
-
-    With a posterior ``by`` there are new measurements too.
-    """
-    frequency = np.asarray(frequency, dtype=float)
-    shape, dims = frequency.shape[:2], ("chain", "draw", "mode")
+    """Return draws ``(chain, draw, mode)``, and new measurements ``by`` a posterior."""
+    shape, groups = frequency.shape[:2], {"response": {"frequency": frequency} | paired}
     drawn = drawn or {"a": np.arange(np.prod(shape), dtype=float)}
     drawn = {name: np.resize(values, shape) for name, values in drawn.items()}
-    modes = np.arange(1, 1 + len(MEASURED))
-    predicted = {"frequency": frequency} | paired
-    groups = {
-        "posterior": {name: (("chain", "draw"), v) for name, v in drawn.items()},
-        "response": {name: (dims, values) for name, values in predicted.items()}
-        | {"mode": np.arange(1, frequency.shape[2] + 1)},
-        "observed_data": {
-            "frequency": ("mode", MEASURED, {"units": "Hz"}),
-            "mode": modes,
-        },
-    }
     if by is not None:
         flat = {name: values.ravel() for name, values in drawn.items()}
         stored = {"frequency": frequency.reshape(-1, frequency.shape[2])}
         new = by.terms[-1].replicate(np.random.default_rng(0), flat, stored)
-        values = new["frequency"].reshape(*shape, -1)
-        groups["new_measurement"] = {"frequency": (dims, values), "mode": modes}
-    sampled = {"sample_dims": ["chain", "draw"]}
-    return wrap({k: {"data_vars": v, "attrs": sampled} for k, v in groups.items()})
+        new = {"frequency": new["frequency"].reshape(*shape, -1)}
+        groups["new_measurement"] = new
+    measured = {"frequency": ("mode", MEASURED, {"units": "Hz"})}
+    return by_hand(drawn, measured=measured, **groups)
 
 
 def posterior(names=("a",), **error):
@@ -127,9 +113,8 @@ class Beam:
 
 def test_other_variables_are_tabulated_where_they_were_measured():
     """A conjugate problem: a has precision 1 + 5 / 0.1^2, and mean 5.4 / 5.01."""
-    target = ef.LogPosterior(
-        Beam(), Deflection(), ef.GaussianPrior(["a"], [0.0], [1.0])
-    )
+    prior = ef.GaussianPrior(["a"], [0.0], [1.0])
+    target = ef.LogPosterior(Beam(), Deflection(), prior)
     run = ef.run(target, ef.DEMCMove(), 20, 1000, seed=1, ensembles=1)
     table = ef.predictive_table(ef.to_inference_data(run, discard=200))
     assert table.column("point") == ["1", "3"]
@@ -172,38 +157,24 @@ def test_pairing_table_equals_numbers_by_hand():
         ef.pairing_table(made(np.ones((1, 4, 3))))
 
 
-class Crossing:
-    """Two perpendicular vibrations; which one is lower depends on the parameter."""
-
-    variables = ef.modal_variables(2, dofs=[1, 2])
-    names = ("ratio",)
-
-    def __call__(self, parameters):
-        ratio = parameters["ratio"]
-        first, second = np.full_like(ratio, 10.0), 10 * ratio
-        swapped = (second < first)[:, None, None]
-        shapes = np.where(swapped, [[0.0, 1.0], [1.0, 0.0]], np.eye(2))
-        return ef.ModalSolution(np.sort([first, second], axis=0).T, shapes)
-
-
 def test_tables_of_a_sampled_paired_model_report_its_crossings():
     measured = ef.Measurements([10.0, 10.1], sd=[0.1, 0.2], shapes=np.eye(2))
     model = ef.PairedModel(Crossing(), measured, candidates=2, min_gap=0.0)
-    prior = ef.GaussianPrior(["ratio"], [1.0], [0.1], [(0.5, 1.5)])
+    prior = ef.GaussianPrior(["a", "b"], [10.0, 10.0], [0.5, 1.0], [(5, 15)] * 2)
     target = ef.LogPosterior(model, ef.FrequencyTerm(measured), prior)
     runs = ef.run(target, ef.DEMCMove(), 20, 600, ensembles=1, seed=1)
     idata = ef.to_inference_data(runs, target, discard=100)
-    # ratio ~ N(1, 0.1) and 10 ratio ~ N(10.1, 0.2): conjugate, beyond the bounds nil.
-    precision = 0.1**-2 + 0.02**-2
-    mean, sd = (1.0 * 0.1**-2 + 1.01 * 0.02**-2) / precision, precision**-0.5
-    share = 100 * stats.norm.cdf((1.0 - mean) / sd)
+    # Both are conjugate, and beyond the bounds is nothing.
+    variance = 1 / (prior.sd**-2 + measured.sd**-2)
+    mean = variance * (prior.mean / prior.sd**2 + measured.frequencies / measured.sd**2)
+    share = 100 * stats.norm.cdf((mean[0] - mean[1]) / variance.sum() ** 0.5)
     table = ef.pairing_table(idata)
     assert table.column("model's mode") == ["1", "2", ""]
     assert_allclose(table.column("another in %"), share, atol=4)
     assert_allclose(table.column("MAC")[:2], 1.0, rtol=1e-12)
     predictions = ef.predictive_table(idata, target)
     assert_allclose(predictions.column("sd Hz"), [0.1, 0.2], rtol=1e-9)
-    total = np.array([0.1, np.hypot(10 * sd, 0.2)])
+    total = np.sqrt(variance + measured.sd**2)
     assert_allclose(widths(predictions), WIDTH * total, rtol=0.07)
 
 

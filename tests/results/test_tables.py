@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray
 from numpy.testing import assert_allclose, assert_array_equal
-from support.chains import dataset, wrap
+from support.chains import by_hand, dataset
 
 import emcee_femu as ef
 
@@ -40,26 +40,10 @@ POSTERIOR = ef.LogPosterior(Square(), TERMS, PRIOR, units={"stiff": "N/m"})
 @pytest.fixture(scope="module")
 def idata():
     """Return what to_inference_data would, of draws by hand."""
-    sampled = {"sample_dims": ["chain", "draw"]}
-    draws = {name: (("chain", "draw"), values) for name, values in DRAWS.items()}
-    predicted = {"frequency": (("chain", "draw", "mode"), FREQUENCY)}
-    constants = {
-        "initial": ("parameter", INITIAL),
-        "prior_sd": ("parameter", PRIOR_SD),
-        "initial_frequency": ("mode", INITIAL_HZ),
-    }
-    modes, measured = {"mode": [1, 2, 3]}, {"frequency": ("mode", MEASURED)}
-    return wrap(
-        {
-            "posterior": {"data_vars": draws, "attrs": sampled},
-            "response": {"data_vars": predicted, "coords": modes, "attrs": sampled},
-            "observed_data": {"data_vars": measured, "coords": {"mode": [1, 2]}},
-            "constant_data": {
-                "data_vars": constants,
-                "coords": {"parameter": NAMES, **modes},
-            },
-        }
-    )
+    constants = {"initial": INITIAL, "prior_sd": PRIOR_SD}
+    constants["initial_frequency"] = "mode", INITIAL_HZ
+    predicted, measured = {"frequency": FREQUENCY}, {"frequency": MEASURED}
+    return by_hand(DRAWS, constants, measured, response=predicted)
 
 
 @pytest.fixture(scope="module")

@@ -99,11 +99,6 @@ def test_the_effective_size_counts_descendants_of_one_draw_as_one():
     assert 1 / 3 < np.mean([p.effective_size for p in annealed]) / size < 3
 
 
-def with_model(model):
-    (term,) = LAW.posterior.terms
-    return ef.LogPosterior(model, term, LAW.posterior.prior)
-
-
 @forks
 def test_workers_change_nothing_and_all_solves_are_counted():
     solved = []
@@ -112,28 +107,11 @@ def test_workers_change_nothing_and_all_solves_are_counted():
         solved.append(len(parameters["a"]))
         return LAW.solve(parameters)
 
-    serial = ef.anneal(with_model(counted), 80, seed=1)
+    target = ef.LogPosterior(counted, LAW.posterior.terms, LAW.posterior.prior)
+    serial = ef.anneal(target, 80, seed=1)
     assert serial.solves == sum(solved)
     assert_allclose(LAW.posterior(serial.theta), serial.rows, rtol=1e-11)
     one, two = (ef.anneal(LAW.posterior, 80, seed=1, workers=n) for n in (1, 2))
     assert one.theta.tobytes() == two.theta.tobytes()
     assert one.log_evidence == two.log_evidence and one.solves == two.solves
     assert ef.anneal(LAW.posterior, 80, seed=2).log_evidence != one.log_evidence
-
-
-def failing(parameters):
-    """Fail for a twentieth of the prior."""
-    if (parameters["a"] > 0.5 + 1.645).any():
-        raise ArithmeticError("no equilibrium")
-    return LAW.solve(parameters)
-
-
-def test_a_failed_solve_stops_or_is_rejected():
-    posterior = with_model(failing)
-    with pytest.raises(ArithmeticError):
-        ef.anneal(posterior, 80, seed=1)
-    annealed = ef.anneal(posterior, 80, seed=1, on_failure="reject")
-    assert annealed.failed_solves > 0
-    assert (annealed.theta[:, 0] <= 0.5 + 1.645).all()
-    with pytest.raises(RuntimeError, match="max_failures"):
-        ef.anneal(posterior, 80, seed=1, on_failure="reject", max_failures=0.001)

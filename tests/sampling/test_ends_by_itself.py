@@ -102,20 +102,25 @@ def test_auto_has_a_search_within_its_solves():
         ef.run(POSTERIOR, seed=2, solves=500)
 
 
-@pytest.mark.parametrize("slow", [1, 2])
-def test_a_batch_is_timed_where_the_first_solve_looks_slow(slow, monkeypatch):
-    """A first call may load what the others have; 16 points then say what they take."""
-    calls = []
+def sleepy(calls, slow):
+    """Return a law whose first calls are slow."""
 
-    def sleepy(x):
+    def law(x):
         calls.append(len(x))
         if len(calls) <= slow:
             time.sleep(0.5)
         return gaussian(x)
 
+    return law
+
+
+@pytest.mark.parametrize("slow", [1, 2])
+def test_a_batch_is_timed_where_the_first_solve_looks_slow(slow, monkeypatch):
+    """A first call may load what the others have; 16 points then say what they take."""
+    calls = []
     # Far from .5 s / 16 and from nothing, for so many evaluations.
     monkeypatch.setattr(LONG_RUN, 4 * 10 * 4 * 0.02)
-    posterior = free_posterior(sleepy, box(-9, 9, 2))
+    posterior = free_posterior(sleepy(calls, slow), box(-9, 9, 2))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         ef.run(posterior, ef.DEMCMove(), 10, 4, seed=1)
@@ -139,17 +144,10 @@ def test_a_stopped_search_goes_on_with_its_budget(tmp_path, monkeypatch):
 
 
 def test_a_worker_that_imports_for_its_first_solve_is_timed_again(monkeypatch):
-    calls = []
-
-    def sleepy(x):
-        calls.append(x)
-        if len(calls) == 1:
-            time.sleep(0.5)
-        return -0.5 * (x**2).sum()
-
+    calls, prior = [], {"a": (-9, 9), "b": (-9, 9)}
+    law = sleepy(calls, 1)
     monkeypatch.setattr(LONG_RUN, 4 * 10 * 4 * 0.1)
-    prior = {"a": (-9, 9), "b": (-9, 9)}
-    draws = ef.LogPosterior.from_function(sleepy, prior)
+    draws = ef.LogPosterior.from_function(lambda x: law(x[None])[0], prior)
     calls.clear()  # those by which blobs are known
     with ThreadPoolExecutor(2) as pool, warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -152,15 +152,12 @@ def test_causes_are_told_apart_and_no_set_is_solved_twice(workers):
 
 @pytest.mark.parametrize(("first", "stop"), [(16, 104), (96, 136)])
 def test_the_fraction_is_exact_but_not_of_few_solves(first, stop):
-    """All fail after the first: 3/4 of 100 or more, then 1/4 of 128 is just allowed.
-
-    The solve at the prior mean comes before these.
-    """
+    """All fail after the first: 3/4 of 100 or more, then 1/4 of 128 is just allowed."""
     calls = []
 
     def failing(p):
         calls.append(1)
-        if len(calls) > 1 + first:
+        if len(calls) > 1 + first:  # the prior mean comes before these
             raise ArithmeticError("no equilibrium")
         return solves(p)
 

@@ -159,9 +159,8 @@ def test_a_bent_ridge_is_exact_takes_few_solves_and_is_resumed_to_the_bit(tmp_pa
     run = ef.run(posterior, "auto", steps=400, **file)
     assert run.search.screened > 1
     kept = [sampler.get_chain().copy() for sampler in run]
-    for sampler, before in zip(
-        ef.run(posterior, "auto", steps=410, **file), kept, strict=True
-    ):
+    again = ef.run(posterior, "auto", steps=410, **file)
+    for sampler, before in zip(again, kept, strict=True):
         np.testing.assert_array_equal(sampler.get_chain()[:400], before)
         assert np.mean(np.diff(sampler.get_chain()[399:], axis=0) != 0) > 0.5
     chain = np.concatenate([sampler.get_chain(flat=True) for sampler in run])

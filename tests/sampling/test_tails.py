@@ -1,7 +1,8 @@
-"""What holds little of the mass and much of a variance is covered by the proposal."""
+"""Tails that hold much of a variance are covered, and noise that data do not bound."""
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy import stats
 from support.free_posterior import box, free_posterior
 
@@ -93,3 +94,61 @@ def test_claimed_errors_know_the_tail_that_a_short_chain_did_not_visit():
         sds = np.std([sampler.get_chain() for sampler in run], axis=(0, 1, 2))
         z.append((sds / exact - 1) / ef.diagnose(run).sd_error)
     assert (np.sqrt(np.mean(np.square(z), axis=0)) < 1.5).all()
+
+
+HERTZ = {"k1": 8.0, "k2": 10.5}
+ENDS = {"k1": (5.0, 9.0), "k2": (9.0, 14.0)}
+HALF_NORMAL = stats.halfnorm(scale=0.02)
+ADVISED = stats.uniform(0.001, 0.049)  # what pages and messages advise
+
+
+def noisy(names, law, modes):
+    """Return that of parameters that each fit a frequency, or several."""
+
+    def model(parameters):
+        return ef.ModalSolution(np.column_stack([parameters[n] for n in modes]))
+
+    model.names, model.variables = (*names,), ef.modal_variables(len(modes))
+    term = ef.FrequencyTerm([HERTZ[name] for name in modes], discrepancy="noise")
+    laws = {name: ENDS[name] for name in names} | {"noise": law}
+    return ef.LogPosterior(model, term, ef.IndependentPrior(laws))
+
+
+def exact_sds(names, law, repeats):
+    """Return standard deviations: given the noise, frequencies are cut normals."""
+    noise = law.ppf((np.arange(4_000) + 0.5) / 4_000)
+    cut = []
+    for name in names:
+        centre, spread = HERTZ[name], HERTZ[name] * noise / repeats**0.5
+        ends = [(end - centre) / spread for end in ENDS[name]]
+        cut.append(stats.truncnorm(*ends, centre, spread))
+    mass = [stats.norm.cdf(one.args[1]) - stats.norm.cdf(one.args[0]) for one in cut]
+    weights = np.prod(mass, axis=0) * noise ** (len(names) * (1 - repeats))
+    moments = [(one.mean(), one.var()) for one in cut] + [(noise, 0.0 * noise)]
+
+    def sd(mean, variance):
+        centre = np.average(mean, weights=weights)
+        return np.average(variance + (mean - centre) ** 2, weights=weights) ** 0.5
+
+    return [sd(*pair) for pair in moments]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("names", "law", "repeats"),
+    [(["k1"], HALF_NORMAL, 1), (["k1", "k2"], ADVISED, 1), (["k1"], ADVISED, 2)],
+)
+def test_noise_that_the_data_do_not_bound_has_exact_moments(names, law, repeats):
+    """The law of a likelihood with a spike: exact moments, and no false alarm."""
+    run = ef.run(noisy(names, law, repeats * names), steps=150, seed=1)
+    draws = np.concatenate([one.get_chain(flat=True) for one in run])
+    assert_allclose(draws.std(axis=0), exact_sds(names, law, repeats), rtol=0.12)
+    if law is ADVISED and repeats == 1:
+        assert ef.diagnose(run).chains.status == "converged"
+
+
+def test_an_integral_without_bound_is_refused_before_sampling():
+    """Two frequencies that one parameter fits: the integral of 1 / noise."""
+    posterior = noisy(["k1"], HALF_NORMAL, ["k1", "k1"])
+    with pytest.raises(ValueError, match=r"'noise'.*0\.001"):
+        ef.run(posterior, steps=20, seed=1)

@@ -8,16 +8,17 @@ import numpy as np
 import xarray
 
 
-def backend(chain, accepted=None, log_prob=None):
+def backend(chain, accepted=None, log_prob=None, blobs=None):
     """Return an emcee backend that holds ``chain (steps, walkers, d)``."""
     steps, walkers, d = chain.shape
     accepted = np.ones((steps, walkers), bool) if accepted is None else accepted
     log_prob = np.zeros((steps, walkers)) if log_prob is None else log_prob
+    blobs = [None] * steps if blobs is None else blobs
     filled = emcee.backends.Backend()
     filled.reset(walkers, d)
-    filled.grow(steps, None)
-    for coords, values, moved in zip(chain, log_prob, accepted, strict=True):
-        filled.save_step(emcee.State(coords, log_prob=values), moved)
+    filled.grow(steps, blobs[0])
+    for *held, moved in zip(chain, log_prob, blobs, accepted, strict=True):
+        filled.save_step(emcee.State(*held), moved)
     return filled
 
 
@@ -33,8 +34,7 @@ def ar1(phis, steps, walkers, seed, mean=0.0, sd=1.0):
 def switching(share, stay, steps, walkers, seed):
     """Return ``(steps, walkers)`` of zeros and ones, ones for ``share`` of the time.
 
-    Every walker draws anew with probability ``1 - stay``: tau is
-    ``(1 + stay) / (1 - stay)``.
+    A walker draws anew with probability ``1 - stay``: tau is (1 + stay) / (1 - stay).
     """
     rng = np.random.default_rng(seed)
     states = rng.random((steps, walkers)) < share
@@ -50,35 +50,44 @@ def dataset(idata, group):
     return found.to_dataset() if hasattr(found, "to_dataset") else found
 
 
-def wrap(groups):
-    """Return groups as the installed ArviZ's own container."""
-    groups = {
-        k: xarray.Dataset(**v) if isinstance(v, dict) else v for k, v in groups.items()
-    }
+def by_hand(draws, constants=None, measured=None, dims=("mode",), **groups):
+    """Return draws ``{name: (chain, draw)}`` as ``to_inference_data`` has them.
+
+    Constants are by parameter, what was measured is of ``dims``, and further groups of
+    chain, draw and ``dims``, unless an array comes in a tuple behind its dimensions.
+    """
+
+    def dataset(values, own, **attrs):
+        columns = {
+            name: v if isinstance(v, tuple) else (own[: np.ndim(v)], v)
+            for name, v in values.items()
+        }
+        made = xarray.Dataset(columns, attrs=attrs)
+        return made.assign_coords(
+            {d: 1 + np.arange(made.sizes.get(d, 0)) for d in dims}
+        )
+
+    kept = ("chain", "draw", *dims)
+    attrs = {"sampled": [*draws], "sample_dims": ["chain", "draw"]}
+    groups = {"posterior": draws, **groups}
+    made = {name: dataset(group, kept, **attrs) for name, group in groups.items()}
+    if measured is not None:
+        made["observed_data"] = dataset(measured, dims)
+    if constants is not None:
+        by_parameter = dataset(constants, ("parameter",))
+        made["constant_data"] = by_parameter.assign_coords(parameter=[*draws])
     if az.__version__.startswith("0."):
-        return az.InferenceData(**groups)
-    return xarray.DataTree.from_dict(groups)
+        return az.InferenceData(**made)
+    return xarray.DataTree.from_dict(made)
 
 
 def as_arviz(backends, **attrs):
-    """Return backends of one posterior as ``to_inference_data`` converts a run.
-
-    ``attrs`` are what it knows, such as what "auto" found, as JSON.
-    """
+    """Return backends of one posterior as an object that knows ``attrs``, as JSON."""
     chain = np.concatenate([b.get_chain().swapaxes(0, 1) for b in backends])
     log_prob = np.concatenate([b.get_log_prob().T for b in backends])
-    walkers = len(chain) // len(backends)
-    names = [f"theta{i + 1}" for i in range(chain.shape[2])]
-    draws = {n: (("chain", "draw"), chain[..., i]) for i, n in enumerate(names)}
-    number = ("chain", np.repeat(np.arange(len(backends)), walkers))
-    attrs = {name: json.dumps(value) for name, value in attrs.items()}
-    return wrap(
-        {
-            "posterior": {
-                "data_vars": draws,
-                "coords": {"ensemble": number},
-                "attrs": {"sample_dims": ["chain", "draw"], **attrs},
-            },
-            "sample_stats": {"data_vars": {"lp": (("chain", "draw"), log_prob)}},
-        }
-    )
+    draws = {f"theta{i + 1}": x for i, x in enumerate(np.moveaxis(chain, 2, 0))}
+    idata = by_hand(draws, sample_stats={"lp": log_prob})
+    number = np.repeat(np.arange(len(backends)), len(chain) // len(backends))
+    idata["posterior"].coords["ensemble"] = "chain", number
+    idata["posterior"].attrs.update({k: json.dumps(v) for k, v in attrs.items()})
+    return idata

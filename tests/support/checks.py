@@ -1,12 +1,9 @@
 """Shared checker of moves: the exact-start test.
 
 Ensembles are drawn from the target and moved a few steps. If the move keeps the target,
-averages over independent ensembles have the exact moments: plain z-scores, without
-burn-in, autocorrelation or a tuned tolerance. |z| < 5 is the bar; the null hypothesis
-passes it with a probability of 0.9999 for the twelve z-scores of a run.
-
-A small bias grows with every step, so z does as steps * sqrt(ensembles) at a cost of
-steps * ensembles: 120 ensembles of 12 steps see what 400 of 6 would, and cost less.
+averages over ensembles have the exact moments: plain z-scores, of which twelve are
+below 5 with a probability of 0.9999. A bias grows with every step, so 120 ensembles
+of 12 steps see what 400 of 6 would, and cost less.
 """
 
 import emcee
@@ -76,12 +73,10 @@ class BoundedTriangle:
         return np.concatenate([*moments, outside[..., None]], axis=-1)
 
 
-def exact_start(move, target, nwalkers, ensembles=120, steps=12, seed=0, rows=True):
+def exact_start(move, target, nwalkers, ensembles=120, steps=12, seed=0):
     """Return the largest |z| of the target's statistics after a few steps.
 
-    The target may return rows that begin with the log density, as a posterior does. It
-    is infinite if ``rows`` and the state does not hold those of its coordinates, but
-    for rounding: few points were solved at a time.
+    It is infinite if the state does not hold the rows that the target returns.
     """
     rng = np.random.default_rng(seed)
     random = np.random.RandomState(seed + 1)
@@ -98,7 +93,7 @@ def exact_start(move, target, nwalkers, ensembles=120, steps=12, seed=0, rows=Tr
             state, _ = move.propose(model, state)
         start[:] = state.coords
         log_prob, blobs = solve(start)
-        if rows and blobs is not None:
+        if blobs is not None:
             kept = np.column_stack([state.log_prob, state.blobs])
             if not np.allclose(kept, np.column_stack([log_prob, blobs]), 1e-9, 1e-9):
                 return np.inf

@@ -19,10 +19,7 @@ def _row(values, i):
 def assert_model(model, parameters, rtol=1e-9):
     """The response is as declared, and the same in a batch, one by one and pickled.
 
-    Args:
-        model: It says what it returns, by ``variables``.
-        parameters: ``{name: (n,)}``, of at least two different sets.
-        rtol: How far a batch may be from its rows, as a share of the largest number.
+    ``parameters`` are two different sets or more; ``rtol`` is a share of the largest.
     """
     declared = ef.contracts.read_declared(model, "variables")
     assert declared, "the model must have variables"
@@ -49,16 +46,17 @@ def assert_model(model, parameters, rtol=1e-9):
         np.testing.assert_allclose(single, value, rtol, atol, err_msg=f"{name}, alone")
 
 
+def assert_shapes(found, expected, rtol=0.0, atol=0.0):
+    """Compare shapes ``(..., sensors, modes)`` but for their signs."""
+    signs = np.sign((found * expected).sum(axis=-2, keepdims=True))
+    np.testing.assert_allclose(found * signs, expected, rtol, atol)
+
+
 def assert_term(term, parameters, response, expected, rtol=1e-9):
     """The log-likelihood is the expected one but for a constant, and its parts fit it.
 
-    Args:
-        term: With ``observed`` where it has ``pointwise`` or ``replicate``.
-        parameters: ``{name: (n,)}``, of at least two different sets.
-        response: ``{name: (n, ...)}``, what a model would return for them.
-        expected: The log-density of the data by another route, such as scipy.stats,
-            ``(n,)``.
-        rtol: Over the largest difference of expected values.
+    ``response`` is what a model would return for the parameters, two sets or more;
+    ``expected`` is the log-density by another route, ``(n,)``.
     """
     found = term(parameters, response)
     assert np.shape(found) == np.shape(expected), "one number per parameter set"

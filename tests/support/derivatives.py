@@ -1,6 +1,7 @@
 """A model's jacobian against differences of what it returns, for any modal model."""
 
 import numpy as np
+from numpy.testing import assert_allclose
 
 import emcee_femu as ef
 
@@ -34,10 +35,9 @@ def assert_jacobian(
 ):
     """The response is that of a call, its derivatives are those of differences.
 
-    Those of a row are the same alone and in a batch, to a share of ``alone_to``.
     Errors are shares of the largest derivative by the parameter, or by any where all
-    have one unit and one size (``alike``). A parameter that has no derivative changes
-    nothing.
+    have one unit and one size (``alike``); those of a row alone and in a batch differ
+    by less than ``alone_to``. A parameter without a derivative changes nothing.
     """
     response, derivatives = model.jacobian(parameters)
     called = model(parameters)
@@ -45,9 +45,7 @@ def assert_jacobian(
     alone = model.jacobian(last)[1]
     for variable, by_name in derivatives.items():
         value = read(response, variable)
-        np.testing.assert_allclose(
-            value, read(called, variable), rtol=1e-11, atol=1e-11
-        )
+        assert_allclose(value, read(called, variable), rtol=1e-11, atol=1e-11)
         if variable in STEPS:
             assert by_name == {}
             continue

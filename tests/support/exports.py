@@ -15,10 +15,7 @@ FIRST = 11  # the node at the clamp; the others are numbered upwards by 2
 
 
 def cantilever(elements=8, left=1.0, right=1.0, clamped=True):
-    """Return K, M and ``dofs (N, 2)``: z (3) and rotation about y (5) of each node.
-
-    ``left`` and ``right`` are factors of E I in the two halves of the beam.
-    """
+    """Return K, M, DOFs ``(N, 2)``: z (3) and rotation about y (5); E I by halves."""
     L, halves = LENGTH / elements, np.array_split(np.arange(elements), 2)
     K = left * assemble(bending(L), elements, halves[0])
     K += right * assemble(bending(L), elements, halves[1])

@@ -8,7 +8,7 @@ DESIGN = np.array([[1.0, 0.4], [-0.3, 1.0], [0.5, 0.5]])
 DATA, SD = np.array([0.6, -0.2, 0.3]), 0.1
 
 
-class Gaussian:
+class Gaussian(ef.likelihoods.term.Term):
     """Independent errors of a vector."""
 
     def __init__(self, data=DATA, sd=SD):
@@ -19,56 +19,31 @@ class Gaussian:
         r = response["y"] - self.data
         return r, np.full_like(r, self.sd)
 
-    def __call__(self, parameters, response):
-        r, sd = self.deviations(parameters, response)
-        return -0.5 * ((r / sd) ** 2).sum(axis=1)
-
 
 class Counted:
-    """A model of one set at a time; it keeps where it was solved, and may stop."""
+    """A model of one set at a time; it keeps where it was solved."""
 
     one_by_one = True
 
-    def __init__(self, function, size=3, stop=0):
-        self.function, self.stop, self.solved = function, stop, []
+    def __init__(self, function, size):
+        self.function, self.solved = function, []
         self.variables = {"y": ef.Variable({"point": range(size)})}
 
     def __call__(self, parameters):
         x = np.stack([*parameters.values()], axis=1)
         assert len(x) == 1
-        if len(self.solved) + 1 == self.stop:
-            raise KeyboardInterrupt
         self.solved.append(x[0].copy())
         return {"y": np.array([self.function(row) for row in x])}
-
-
-def linear(x):
-    return DESIGN @ x
-
-
-def square(x):
-    return np.array([x[0] ** 2, x[1]])
 
 
 def bent(x):
     return DESIGN @ x + 0.3 * np.sin(2.0 * x[0]) * np.array([1.0, 0.5, -1.0])
 
 
-def broken(x):
-    if x[0] > 0.9:
-        raise ArithmeticError("no equilibrium")
-    return bent(x)
-
-
-def rippled(x):
-    """What no few points can show: waves of a tenth of the spread."""
-    return DESIGN @ x + SD * np.sin(60.0 * x[0] + 47.0 * x[1])
-
-
 PRIOR = ef.GaussianPrior(["a", "b"], [0.0, 0.0], 1.0, [(-4.0, 4.0)] * 2)
 
 
-def posed(function=bent, stop=0, term=None, prior=PRIOR):
+def posed(function=bent, term=None, prior=PRIOR):
     """Return the posterior of a problem, whose model counts."""
     term = Gaussian() if term is None else term
-    return ef.LogPosterior(Counted(function, len(term.data), stop), term, prior)
+    return ef.LogPosterior(Counted(function, len(term.data)), term, prior)

@@ -21,14 +21,10 @@ def box(low, high, d):
     return ef.IndependentPrior(laws)
 
 
-def density_term(log_density, names):
-    """Return the likelihood term of a function of ``(n, d)``."""
-    return lambda parameters, _: log_density(
-        np.column_stack([parameters[name] for name in names])
-    )
-
-
 def free_posterior(log_density, prior, model=None):
     """Return the posterior of a likelihood that is a function of ``(n, d)``."""
-    term = density_term(log_density, prior.names)
+
+    def term(parameters, _):
+        return log_density(np.column_stack([parameters[n] for n in prior.names]))
+
     return ef.LogPosterior(model or FreeModel(), term, prior)

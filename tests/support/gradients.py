@@ -70,6 +70,18 @@ def numerical(function, theta, step=1e-5):
     return np.stack(columns, axis=1)
 
 
+class Crossing:
+    """Two oscillators, each at its own sensor: modes of a and b that change places."""
+
+    names = ("a", "b")
+    variables = ef.modal_variables(2, range(2))
+
+    def __call__(self, parameters):
+        values = np.column_stack([parameters["a"], parameters["b"]])
+        shapes = np.eye(2)[np.argsort(values, axis=1)].transpose(0, 2, 1)
+        return ef.ModalSolution(np.sort(values, axis=1), shapes)
+
+
 LINEAR = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, -0.7], [0.4, 0.0, 1.0], [1.0, 1.0, 1.0]])
 DATA = np.array([0.3, -0.2, 0.5, 0.1])
 
@@ -97,16 +109,12 @@ class LinearDerived(LinearModel):
 
 
 @dataclass
-class LinearTerm:
+class LinearTerm(ef.likelihoods.term.Term):
     """Independent Gaussian errors of some of the data."""
 
     first: int = 0
     last: int = 4
     sd: float = 0.2
-
-    def __call__(self, parameters, response):
-        r, sd = self.deviations(parameters, response)
-        return -0.5 * ((r / sd) ** 2 + np.log(2 * np.pi * sd**2)).sum(axis=1)
 
     def deviations(self, parameters, response):
         points = slice(self.first, self.last)

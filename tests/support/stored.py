@@ -1,5 +1,7 @@
 """All that can be stored in a file and gone on with, of one small posterior."""
 
+from functools import partial
+
 import numpy as np
 
 import emcee_femu as ef
@@ -42,27 +44,14 @@ def posed(term=None, prior=PRIOR, model=None):
     return ef.LogPosterior(model, term or Gaussian(), prior)
 
 
-def in_file(path, **options):
-    """Return the options of going on with a file; of None, of no file."""
-    return {} if path is None else {"backend": path} | options
-
-
 REJECT = {"on_failure": "reject", "max_failures": 1.0}
 
 
 def sampled(path, posterior=None, moves=None, resume=True, **options):
     options = {"nwalkers": 12, "steps": 20, "ensembles": 2, "seed": 1} | options
     moves = moves or ef.DEMCMove()
-    file = in_file(path, resume=resume)
+    file = {"backend": path, "resume": resume} if path else {}
     return ef.run(posterior or posed(), moves, **REJECT | file | options)
-
-
-def found(path, **options):
-    return sampled(path, moves="auto", **options)
-
-
-def pooled(path, **options):
-    return sampled(path, workers=2, **options)
 
 
 def tempered(path, **options):
@@ -72,21 +61,23 @@ def tempered(path, **options):
 
 
 def annealed(path, posterior=None, steps=0, resume=True, **options):
-    options = {"size": 80, "seed": 1} | in_file(path, resume=resume) | options
+    file = {"backend": path, "resume": resume} if path else {}
+    options = {"size": 80, "seed": 1} | file | options
     return ef.anneal(posterior or posed(), **REJECT | options)
 
 
 def emulated(path, posterior=None, steps=0, resume=True, **options):
     options = {"solves": 8, "seed": 1, "tolerance": 0.0} | options
     posterior = posterior or posed(prior=ALONE)
-    return ef.emulate(posterior, **REJECT | in_file(path, resume=resume) | options)
+    file = {"backend": path, "resume": resume} if path else {}
+    return ef.emulate(posterior, **REJECT | file | options)
 
 
 KINDS = {
     "chain": sampled,
-    "workers": pooled,
+    "workers": partial(sampled, workers=2),
     "tempered": tempered,
-    "auto": found,
+    "auto": partial(sampled, moves="auto"),
     "anneal": annealed,
     "emulate": emulated,
 }

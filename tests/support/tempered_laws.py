@@ -1,7 +1,6 @@
 """Posteriors whose tempered laws and evidence are known in closed form.
 
-``sample(rng, n, beta)`` draws from prior times likelihood**beta; ``statistics(theta,
-beta)`` have expectation zero under it.
+Statistics have expectation zero under prior times likelihood**beta.
 """
 
 import numpy as np

@@ -8,27 +8,34 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
-from support.few_solves import (
-    DATA,
-    DESIGN,
-    PRIOR,
-    SD,
-    Gaussian,
-    bent,
-    broken,
-    linear,
-    posed,
-    rippled,
-    square,
-)
+from support.few_solves import DATA, DESIGN, PRIOR, SD, Gaussian, bent, posed
 from support.pool_problems import forks
-from support.printed import unwrapped
 
 import emcee_femu as ef
+from emcee_femu.extensions.emulation.emulate import _Emulation
 
 SLOW = pytest.mark.slow
 GRID = np.stack(np.meshgrid(*[np.linspace(-3.0, 3.0, 241)] * 2), axis=-1).reshape(-1, 2)
 ALL = {"seed": 1, "tolerance": 0.0}  # all solves are spent
+
+
+def linear(x):
+    return DESIGN @ x
+
+
+def square(x):
+    return np.array([x[0] ** 2, x[1]])
+
+
+def broken(x):
+    if x[0] > 0.9:
+        raise ArithmeticError("no equilibrium")
+    return bent(x)
+
+
+def rippled(x):
+    """What no few points can show: waves of a tenth of the spread."""
+    return DESIGN @ x + SD * np.sin(60.0 * x[0] + 47.0 * x[1])
 
 
 def shares(log_p):
@@ -71,12 +78,14 @@ def sloped(function, jacobian, prior=PRIOR, term=None):
     return ef.LogPosterior(model, term, prior)
 
 
+def unwrapped(printed):
+    """Return the lines of a text, those of a wrapped sentence in one."""
+    return str(printed).replace("\n  ", " ")
+
+
 def bent_slopes(x):
     steep = 0.6 * np.cos(2.0 * x[0]) * np.array([1.0, 0.5, -1.0])
     return DESIGN + np.column_stack([steep, np.zeros(3)])
-
-
-# --- what it finds ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("derivatives", [pytest.param(False, marks=SLOW), True])
@@ -179,8 +188,6 @@ def test_modes_that_are_paired_are_emulated_in_units_of_their_errors():
     assert_array_equal(sent(theta), emulated.posterior(theta))
 
 
-# --- thin and sharp posteriors ------------------------------------------------------
-
 TRUTH = {"E": 1.1, "t": 1.025, "k": 1.16}
 SLAB_BOUNDS = [(0.5, 1.5), (0.7, 1.3), (0.15, 2.5)]
 SLAB_PRIOR = ef.GaussianPrior([*TRUTH], np.ones(3), [0.13, 0.05, 0.33], SLAB_BOUNDS)
@@ -260,9 +267,6 @@ def test_a_sharp_posterior_is_reached_in_stages():
     assert (full - emulated.posterior(theta)[:, 0]).std() < 0.2
 
 
-# --- logarithms and coordinates -----------------------------------------------------
-
-
 @pytest.mark.parametrize("function", [np.log, pytest.param(np.array, marks=SLOW)])
 def test_logarithms_are_taken_where_they_leave_smaller_errors(function):
     """Of values and derivatives."""
@@ -294,9 +298,6 @@ def test_a_parameter_is_seen_by_itself_however_the_draws_lie():
     wrong = emulated(dict(zip("ab", theta.T, strict=True)))["y"][:, 1]
     wrong = wrong - [waving(x)[1] for x in theta]
     assert np.sqrt((wrong**2).mean()) < 0.1
-
-
-# --- where and how long it solves -------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -355,10 +356,6 @@ def half(x):
     return bent(x)
 
 
-def hopeless(x):
-    raise ArithmeticError("no equilibrium")
-
-
 @SLOW
 def test_failed_solves_are_left_out_and_not_asked_again(caplog):
     """Half of the posterior, about: there the emulator knows least."""
@@ -372,7 +369,10 @@ def test_failed_solves_are_left_out_and_not_asked_again(caplog):
     assert failed[-12:].sum() <= 4
     with pytest.raises(ArithmeticError, match="no equilibrium"):
         ef.emulate(posed(broken), 24, seed=3)
-    for model, most, match in ((hopeless, 1.0, "0 of 6"), (broken, 0.0, "of 6")):
+    for model, most, match in (
+        (lambda x: 1 / 0, 1.0, "0 of 6"),
+        (broken, 0.0, "of 6"),
+    ):
         changes = {"max_failures": most, "seed": 3, "on_failure": "reject"}
         with pytest.raises(RuntimeError, match=match):
             ef.emulate(posed(model), 24, **changes)
@@ -400,9 +400,6 @@ def test_a_round_is_as_wide_as_the_pool_and_files_go_on(tmp_path):
     theta = PRIOR.sample(np.random.default_rng(1), 5)
     assert here.solves == there.solves
     assert_allclose(there.posterior(theta), here.posterior(theta), rtol=1e-6)
-
-
-# --- derivatives ----------------------------------------------------------------------
 
 
 @SLOW
@@ -475,3 +472,51 @@ def test_with_derivatives_a_file_is_gone_on_with_to_the_bit(tmp_path):
     again = ef.emulate(sloped(bent, bent_slopes), 7, **options)
     theta = PRIOR.sample(np.random.default_rng(1), 5)
     assert_array_equal(again.posterior(theta), whole.posterior(theta))
+
+
+def crossed(x):
+    """Return two variables, one waving along either parameter."""
+    return {"y": [np.sin(2.0 * x[0])], "z": [0.4 * np.sin(3.0 * x[1])]}
+
+
+class Crossed(ef.likelihoods.term.Term):
+    """Independent errors of both."""
+
+    reads = {name: ef.Variable({"point": range(1)}) for name in "yz"}
+
+    def deviations(self, parameters, response):
+        r = np.hstack([response["y"] - 0.5, response["z"] + 0.1])
+        return r, np.full_like(r, 0.1)
+
+
+@pytest.mark.slow
+def test_a_solve_goes_where_it_lowers_the_expected_error_most(monkeypatch):
+    """Second route: processes conditioned on a point more, for each that it may be."""
+    chosen, choose = [], _Emulation._choose
+
+    def listen(emulation, number, emulator, draws):
+        points = choose(emulation, number, emulator, draws)
+        chosen.append((emulator, draws, points[0]))
+        return points
+
+    monkeypatch.setattr(_Emulation, "_choose", listen)
+    model = ef.FunctionModel(
+        lambda p: crossed([p["a"], p["b"]]), variables=Crossed.reads
+    )
+    ef.emulate(ef.LogPosterior(model, Crossed(), PRIOR), 24, seed=1, tolerance=0)
+    rounds = [given for given in chosen if len(given[0].processes) > 1]
+    assert rounds
+    for emulator, draws, point in rounds[:3]:
+        at = emulator.coordinates(draws.wide)
+        traces = [each.covariance.trace() for each in emulator.processes]
+        variances = [each.unit_sd(at) ** 2 for each in emulator.processes]
+        weights = draws.errors[len(at) :] / np.dot(traces, variances)
+        errors = np.zeros(len(at))
+        for each, trace in zip(emulator.processes, traces, strict=True):
+            values = np.concatenate([each.values, each.values[:1]])
+            for i, candidate in enumerate(at):
+                points = np.vstack([each.points, candidate])
+                more = type(each)(points, values, each.lengths, each.rough)
+                errors[i] += trace * (weights @ more.unit_sd(at) ** 2)
+        taken = np.flatnonzero((draws.wide == point).all(axis=1))[0]
+        assert errors[taken] < errors.min() + 1e-3 * np.ptp(errors)

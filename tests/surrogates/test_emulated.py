@@ -8,58 +8,74 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import logm
 from support.contracts import assert_model
-from support.crossing import respond
 
 import emcee_femu as ef
 from emcee_femu.extensions.emulation import partition
 from emcee_femu.extensions.emulation.gaussian_process import fit_processes
+
+
+def matrices(x, coupling=0.3):
+    """Return symmetric ``(n, 3, 3)`` whose eigenvalues meet as ``x (n, 2)`` changes."""
+    n = len(x)
+    A = np.zeros((n, 3, 3))
+    A[:, 0, 0] = 100.0 + 8.0 * x[:, 0]
+    A[:, 1, 1] = 100.0 - 6.0 * x[:, 0] + 3.0 * x[:, 1] + 0.5 * x[:, 1] ** 2
+    A[:, 2, 2] = 101.0 + 5.0 * x[:, 1]
+    for i, j in ((0, 1), (1, 2), (0, 2)):
+        A[:, i, j] = A[:, j, i] = coupling * (1.0 + 0.2 * x[:, 0])
+    return A
+
+
+def respond(x, coupling=0.3, seed=None):
+    """Return frequencies, and shapes at five sensors, with random signs if seeded."""
+    values, vectors = np.linalg.eigh(matrices(x, coupling))
+    base = np.random.default_rng(5).standard_normal((5, 3))
+    shapes = base @ vectors * (1.0 + 0.05 * x[:, :1, None])
+    if seed is not None:
+        rng = np.random.default_rng(seed)
+        shapes = shapes * rng.choice([-1.0, 1.0], size=(len(x), 1, 3))
+    return {"frequency": np.sqrt(values) / (2 * np.pi), "shapes": shapes}
+
 
 SCALE = np.array([1e-3, 1e10])  # of the parameters, far apart
 NAMES = ["E", "t"]
 PRIOR = ef.GaussianPrior(NAMES, [0.0, 0.0], SCALE, [(-9 * s, 9 * s) for s in SCALE])
 SD = {"frequency": 0.002, "shapes": 0.02, "sorted": 0.002}
 MIDDLE = respond(np.zeros((1, 2)))
+MIDDLE["sorted"] = MIDDLE["frequency"]
 
 
-class Errors:
+class Errors(ef.likelihoods.term.Term):
     """Gaussian errors of what the model returns in the middle."""
 
-    def __init__(self, reads, modes):
-        self.reads, self.modes = reads, modes
+    def __init__(self, reads):
+        self.reads = reads
 
     def deviations(self, parameters, response):
         parts = []
         for name in self.reads:
-            true = MIDDLE["shapes" if name == "shapes" else "frequency"]
-            r = (
-                ef.contracts.read(response, name)[..., : self.modes]
-                - true[..., : self.modes]
-            )
+            r = values_of(response, name) - MIDDLE[name]
             parts.append(r.reshape(len(r), -1) / SD[name])
         r = np.hstack(parts)
         return r, np.ones_like(r)
 
-    def __call__(self, parameters, response):
-        return -0.5 * (self.deviations(parameters, response)[0] ** 2).sum(axis=1)
-
 
 @cache
-def emulate(*reads, beside=(), modes=3, n=13, seed=2):
+def emulate(*reads, beside=(), n=13):
     """Return a model emulated from points that were given, and a batch of two more."""
     names = [*reads, *beside]
-    declared = ef.modal_variables(modes, dofs=range(5))
+    declared = ef.modal_variables(3, dofs=range(5))
     declared["sorted"] = declared["frequency"]
 
     def solve(p):
-        full = respond(
-            np.array([[p["E"], p["t"]]]) / SCALE, seed=int(1e6 * abs(p["E"]))
-        )
+        x = np.array([[p["E"], p["t"]]]) / SCALE
+        full = respond(x, seed=int(1e6 * abs(p["E"])))
         full["sorted"] = full["frequency"]
-        return {name: full[name][0][..., :modes] for name in names}
+        return {name: full[name][0] for name in names}
 
     model = ef.FunctionModel(solve, variables={name: declared[name] for name in names})
-    term = Errors({name: declared[name] for name in reads}, modes)
-    points = np.random.default_rng(seed).standard_normal((n, 2))
+    term = Errors({name: declared[name] for name in reads})
+    points = np.random.default_rng(2).standard_normal((n, 2))
     posterior = ef.LogPosterior(model, term, PRIOR)
     return ef.emulate(posterior, n + 2, seed=1, tolerance=0, starts=points * SCALE)
 

@@ -59,10 +59,7 @@ def correlate(a, b, lengths, rough):
 
 
 def spell_out(points, values, lengths):
-    """Return numbers, and the places of which they are weighted sums.
-
-    A slope is the difference of two values, SMALL apart on either side, times a length.
-    """
+    """Return numbers, and the places of which they are weighted sums, slopes too."""
     places, weights, numbers = [], [], []
     for x, (value, *slopes) in zip(points, values, strict=True):
         places.append(x[None])
