@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import emcee
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import softmax
 
 from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
@@ -12,17 +13,8 @@ from ..moves import HamiltonianMove
 from ..moves.mixture import Mixture
 from .anneal import anneal_population, fewest_members
 from .coordinates import Coordinates
-from .importance import find_acceptance, normalise, resample
-from .proposals import (
-    Component,
-    Trial,
-    add_components,
-    carry,
-    cover,
-    only,
-    refine,
-    uncover,
-)
+from .importance import find_acceptance, resample
+from .proposals import Component, Trial, carry, extend, refine, uncover
 from .record import SearchRecord, label, separate, weigh
 from .response_surface import LEARNED, ResponseSurface, learn_surface
 from .search import Search, follow_modes
@@ -229,10 +221,8 @@ def _find_proposal(
         new = [*added]
         for number in range(TAIL_ROUNDS + 1):
             if new:
-                refined = cover(add_components(uncover(refined), new))
-                alone = only(new, refined.df)
                 drawn = size * max(1, len(new) // SLABS_PER_ROUND) // 2
-                draws.add(*propose(alone, drawn), alone)
+                refined = extend(draws, refined, new, drawn, propose)
             if number == TAIL_ROUNDS or (number and not new):
                 break
             # The refinement, for which "last" leaves room, is over.
@@ -335,5 +325,5 @@ def _choose_draws(
     eligible = log_weights[part]
     if (possible & in_its_modes)[part].any():
         eligible = np.where(in_its_modes[part], eligible, -np.inf)
-    drawn = resample(normalise(eligible), nwalkers, rng.random(nwalkers))  # stratified
+    drawn = resample(softmax(eligible), nwalkers, rng.random(nwalkers))  # stratified
     return rng.permutation(part[drawn])

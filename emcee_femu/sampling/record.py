@@ -12,6 +12,7 @@ import numpy as np
 from emcee.backends import Backend
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
+from scipy.special import softmax
 
 from ..contracts import Floats, Move, Prior
 from ..evaluation.failures import FailureLog
@@ -23,7 +24,6 @@ from ..moves.independence import IndependenceMove
 from ..moves.mixture import Mixture
 from ..posterior.log_posterior import LogPosterior
 from ..table import Column, Parts, Report, Table, unit_column
-from .importance import normalise
 from .proposals import COVERS
 from .response_surface import ResponseSurface
 
@@ -453,7 +453,7 @@ def weigh(labels: Labels, log_weights: Floats, count: int) -> tuple[Floats, Floa
     """Return the weight of each mode by importance sampling, and standard errors."""
     if not np.isfinite(log_weights).any():
         return np.full(count, np.nan), np.full(count, np.nan)
-    weights = normalise(log_weights)
+    weights = softmax(log_weights)
     inside = labels[:, None] == np.arange(count)
     shares = weights @ inside
     return shares, np.sqrt(weights**2 @ (inside - shares) ** 2)

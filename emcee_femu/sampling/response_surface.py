@@ -14,6 +14,7 @@ from typing import Any
 import emcee
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import softmax
 
 from ..contracts import Floats, Prior
 from ..evaluation.evaluator import Evaluation
@@ -21,7 +22,7 @@ from ..likelihoods.term import log_normal
 from ..moves import DEMCMove, IndependenceMove
 from ..moves.mixture import Mixture
 from .coordinates import Coordinates
-from .importance import normalise, resample
+from .importance import resample
 from .proposals import cover, uncover
 
 MOST_TERMS, DEGREES = 500, range(1, 5)  # of polynomials: cubic for 9 to 12 parameters
@@ -227,7 +228,7 @@ def _walk(
     drawn = []
     for hot in SURFACE_TEMPERATURES:
         size = SURFACE_SOLVES // len(SURFACE_TEMPERATURES)
-        start = x[resample(normalise(log_c / hot - log_q), size, rng.random())]
+        start = x[resample(softmax(log_c / hot - log_q), size, rng.random())]
         sampler = emcee.EnsembleSampler(
             *start.shape, partial(_heat, surface, hot), moves=moves, vectorize=True
         )

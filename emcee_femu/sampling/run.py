@@ -28,20 +28,10 @@ from ..evaluation.store import Store, StoredChain
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
 from .advance import sample_steps, sample_until
-from .arguments import (
-    Moves,
-    check_backends,
-    check_starts,
-    check_walkers,
-    weigh_moves,
-)
+from .arguments import Moves, check_backends, check_starts, check_walkers, weigh_moves
 from .auto import budget_of, search_and_start
 from .first_solve import check_first_solve, draw_starts, time_batch
-from .record import (
-    STOPPED_BY_STEPS,
-    Run,
-    SearchRecord,
-)
+from .record import STOPPED_BY_STEPS, Run, SearchRecord
 
 # Evaluations for whose chain a search is made then, and this part of few solves, of
 # which it has half.
