@@ -69,7 +69,8 @@ def sample_until(
                 look = min(look, done + room - room // 2, 2 * done + FIRST_STEPS)
                 if look <= done:
                     return STOPPED_BY_SOLVES
-            sample_steps(samplers, states, look, thin_by, None, fresh, together)
+            nothing = Evaluation.bar  # the bar of this run shows solves
+            sample_steps(samplers, states, look, thin_by, nothing, fresh, together)
             states = [sampler.get_last_sample() for sampler in samplers]
 
 
@@ -119,12 +120,11 @@ def sample_steps(
         states: Where each goes on from.
         steps: Stored steps of each in the end.
         thin_by: Steps for each that is stored.
-        bar: What shows steps; None for nothing.
+        bar: What shows steps.
         fresh: Moves as they were given, by which what a move remembers is checked.
         together: What evaluates for each ensemble, where they take turns.
     """
     left = [steps - sampler.iteration for sampler in samplers]
-    bar = progress_bar(False, 0, "") if bar is None else bar
     bar.update(steps * len(samplers) - sum(left))
 
     def advance(number: int) -> None:

@@ -73,11 +73,8 @@ def check_starts(
     if points.ndim == 2 and ensembles == 1:
         points = points[None]
     expected = (ensembles, nwalkers, posterior.ndim)
-    if points.shape != expected:
-        raise ValueError(
-            f"starts: expected shape {expected} (ensembles, nwalkers, ndim), got "
-            f"{points.shape}"
-        )
+    remedy = "they are (ensembles, nwalkers, ndim)"
+    checks.shaped("starts", points.shape, expected, remedy=remedy)
     posterior.check_inside("starts", points.reshape(-1, posterior.ndim))
     return points
 

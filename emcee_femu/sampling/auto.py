@@ -121,12 +121,9 @@ def search_and_start(
     count = int(mode_of.max()) + 1
     tops = np.array([maximum.theta for maximum in search.maxima])
     found_by = np.zeros((ensembles, count), dtype=np.intp)
-    for mode, by in zip(
-        label(tops, trial.mixture, mode_of), search.found_by, strict=True
-    ):
-        found_by[:, mode] += by
+    np.add.at(found_by.T, label(tops, trial.mixture, mode_of), search.found_by)
     labels = label(trial.theta, trial.mixture, mode_of)
-    places = []
+    states, shares = [], []
     for ensemble, rng in enumerate(streams):
         if trial.narrow and populations:
             theta, rows = populations[ensemble]
@@ -136,10 +133,9 @@ def search_and_start(
             part = np.array_split(np.arange(len(theta)), ensembles)[ensemble]
             in_its_modes = found_by[ensemble, labels] > 0
             chosen = _choose_draws(rng, trial.log_weights, part, in_its_modes, nwalkers)
-        places.append((theta[chosen], rows[chosen]))
-    states, shares = [], []
-    for child, (theta, rows) in zip(seeds, places, strict=True):
-        random = np.random.RandomState(np.random.MT19937(child)).get_state()
+        theta, rows = theta[chosen], rows[chosen]
+        stream = np.random.MT19937(seeds[ensemble])
+        random = np.random.RandomState(stream).get_state()
         states.append(emcee.State(theta, rows[:, 0], rows[:, 1:], random))
         modes = label(theta, trial.mixture, mode_of)
         shares.append(np.bincount(modes, minlength=count) / nwalkers)
@@ -151,11 +147,10 @@ def search_and_start(
         screened = min(int(np.ceil(SCREENED / accepted)), MOST_SCREENED)
         share = SCREENED_SHARE
     if gradients:
-        draws = np.concatenate([theta for theta, _ in places])
+        draws = np.concatenate([state.coords for state in states])
         trajectories = _tune_trajectories(evaluator, trial.mixture, draws)
-        share = (
-            SHARE_BESIDE_HAMILTONIAN if count > 1 else 0.0
-        )  # for jumps between modes
+        # For jumps between modes.
+        share = SHARE_BESIDE_HAMILTONIAN if count > 1 else 0.0
     weights, errors = weigh(labels, trial.log_weights, count)
     height = np.where(labels[:, None] == np.arange(count), trial.rows[:, :1], -np.inf)
     met = np.isfinite(height.max(axis=0))

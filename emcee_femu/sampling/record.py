@@ -34,10 +34,8 @@ HAMILTONIAN = 0.8  # of the moves where gradients do better
 STOPPED_BY_VERDICT, STOPPED_BY_SOLVES, STOPPED_BY_STEPS = "converged", "solves", "steps"
 # The same in words.
 ENDED = {
-    "": "",
     STOPPED_BY_VERDICT: "it had converged",
     STOPPED_BY_SOLVES: "its solves were spent; resume=True with more goes on",
-    STOPPED_BY_STEPS: "",
 }
 Labels: TypeAlias = NDArray[np.intp]
 
@@ -96,12 +94,11 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
     def _parts(self) -> Parts:
         steps = [sampler.iteration for sampler in self.samplers]
         walkers = self.samplers[0].nwalkers
-        ended = ENDED[self.stopped]
+        ended = ENDED.get(self.stopped)
         yield (
             f"{len(self)} ensemble{'s' * (len(self) > 1)} of {walkers} walkers, "
             f"{min(steps)} steps, {self.solves:,} solves"
-            + f"; the run ended when {ended}"
-            * bool(ended)
+            + (f"; the run ended when {ended}" if ended else "")
         )
         if self.search is not None:
             yield f"Moves: {self.search.sentence}"
@@ -372,26 +369,22 @@ class SearchRecord(Report):
         """Return the record as JSON types."""
         fields = asdict(self)
         fields["mixture"] = [*fields["mixture"].values()]
-        record: dict[str, Any]
-        record = json.loads(json.dumps(fields, default=np.ndarray.tolist))
-        return record
+        return dict(json.loads(json.dumps(fields, default=np.ndarray.tolist)))
 
     @classmethod
     def from_json(cls, record: dict[str, Any]) -> Self:
         """Return the record that :meth:`to_json` wrote."""
         *lists, df = record["mixture"]
         weights, means, matrices = map(np.array, lists)
-        values = _as_arrays(record | {"mixture": None})
-        values["mixture"] = Mixture(weights, means, matrices, df)
-        for name in ("trajectories", "surface"):
-            if record.get(name) is not None:
-                values[name] = _as_arrays(record[name])
-        return cls(**values)
+        mixture = Mixture(weights, means, matrices, df)
+        return cls(**_as_arrays(record | {"mixture": mixture}))
 
 
-def _as_arrays(record: dict[str, Any]) -> dict[str, Any]:
-    """Return a record with arrays for lists."""
-    return {k: np.array(v) if type(v) is list else v for k, v in record.items()}
+def _as_arrays(value: Any) -> Any:
+    """Return a value with arrays for lists, in mappings too."""
+    if type(value) is dict:
+        return {key: _as_arrays(part) for key, part in value.items()}
+    return np.array(value) if type(value) is list else value
 
 
 def read_backends(

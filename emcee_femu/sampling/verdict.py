@@ -215,7 +215,7 @@ class Diagnosis(Report):
                 f"{self.acceptance.min():.2f} to {self.acceptance.max():.2f}), "
                 f"{len(self.stuck)} stuck walkers."
             )
-        if ended := ENDED[self.stopped]:
+        if ended := ENDED.get(self.stopped):
             yield f"The run ended when {ended}."
         if self.failures:
             yield f"Failed solves, counted as zero probability: {dict(self.failures)}."
@@ -297,9 +297,8 @@ def judge_chains(diagnosis: Diagnosis, starts_given: bool, discard: int) -> Stat
         reasons = tuple(reason for reason, *_ in complaints)
         return Statement(NOT_CONVERGED, short, sentence, reasons)
     count, status, short = len(diagnosis.tau), CONVERGED, CONVERGED
-    words = f"{status}: {count} ensembles agree"
-    if count > 1:
-        words += f" (R-hat at most {diagnosis.rhat_between.max():.3f})"
+    most = diagnosis.rhat_between.max()
+    words = f"{status}: {count} ensembles agree (R-hat at most {most:.3f})"
     if starts_given or count == 1:
         status, short = MIXED, "starts given" if count > 1 else "one ensemble"
         cure = "leave starts out" if count > 1 else diagnosis.cures.ensembles
