@@ -81,17 +81,15 @@ def check_length(values: Floats) -> None:
         )
 
 
-def autocorrelation_time(chain: Floats) -> Floats:
-    """Return emcee's tau of ``chain (steps, walkers, d)``, ``(d,)``, however short."""
-    # tol=0 because diagnose reports steps / tau itself.
-    return np.asarray(emcee.autocorr.integrated_time(chain, tol=0))
-
-
 def tau_by_ensemble(values: Floats, moved: NDArray[np.bool_]) -> Floats:
-    """Return tau by ensemble, ``(ensembles, d)``, of those walkers that moved."""
+    """Return emcee's tau by ensemble, ``(ensembles, d)``, of those walkers that moved.
+
+    However short they are: diagnose reports steps / tau itself.
+    """
     taus = np.full((values.shape[1], values.shape[3]), np.nan)
     for ensemble in np.flatnonzero(moved.any(axis=1)):
-        taus[ensemble] = autocorrelation_time(values[:, ensemble, moved[ensemble]])
+        walkers = values[:, ensemble, moved[ensemble]]
+        taus[ensemble] = emcee.autocorr.integrated_time(walkers, tol=0)
     return taus
 
 

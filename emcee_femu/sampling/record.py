@@ -100,10 +100,8 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
             f"{min(steps)} steps, {self.solves:,} solves"
             + (f"; the run ended when {ended}" if ended else "")
         )
-        if self.search is not None:
-            yield f"Moves: {self.search.sentence}"
-        else:
-            yield "Moves: " + describe_moves(self.moves)
+        how = self.search.sentence if self.search else describe_moves(self.moves)
+        yield f"Moves: {how}"
         if self.failures is not None and self.failures.causes:
             yield f"Failed solves: {dict(self.failures.causes)}"
 
@@ -346,8 +344,7 @@ class SearchRecord(Report):
     def sentence(self) -> str:
         """What was done, in words."""
         modes = len(self.weights)
-        shares = [(type(move).__name__, s) for move, s in self.moves(None)]
-        parts = [f"{100 * share:.0f} % {name}" for name, share in shares]
+        parts = [f"{100 * s:.0f} % {type(m).__name__}" for m, s in self.moves(None)]
         return (
             f"a search by {self.points} points and {self.climbs} climbs found "
             f"{'one mode' if modes == 1 else f'{modes} separated modes'}; "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from os import PathLike
 
 import emcee
@@ -255,15 +256,16 @@ def run(
         together &= evaluator.pool is not None and evaluator.pool.takes_turns
         doubted = store is not None and any(foreign_moves(weighted))
         fresh = weighted if doubted else None
-        turns = parts if together else None
+        walk = partial(sample_steps, samplers, thin_by, fresh, together)
         try:
             if steps is None:
                 stopped = sample_until(
-                    record, states, parts, ess, solves, thin_by, progress, fresh, turns
+                    record, states, ess, solves, each, progress, walk
                 )
             else:
-                bar = progress_bar(progress, steps * ensembles, "sampling")
-                sample_steps(samplers, states, steps, thin_by, bar, fresh, turns)
+                walk(
+                    states, steps, progress_bar(progress, steps * ensembles, "sampling")
+                )
                 stopped = STOPPED_BY_STEPS
         except BaseException as error:  # also of the keyboard: nothing is lost
             error.run = record  # type: ignore[attr-defined]
