@@ -179,11 +179,10 @@ def bridge(at_f: Floats, at_g: Floats, share: float = 0.5) -> Bridge:
     # Each side of the equation, and its derivative by log_ratio: as f (1 - p) s is
     # g p (1 - s), the mean of p (1 - p) is that of p over g.
     slope = (1 - share) * p_g.mean()
-    if not slope > 0:
-        return Bridge(log_ratio, np.zeros_like(at_f), np.zeros_like(at_g), 0.0)
+    unit = slope if slope > 0 else np.inf  # without overlap no error is known
     return Bridge(
         log_ratio=log_ratio,
-        from_f=share * (p_f - p_f.mean()) / slope,
-        from_g=(1 - share) * (p_g - p_g.mean()) / slope,
+        from_f=share * (p_f - p_f.mean()) / unit,
+        from_g=(1 - share) * (p_g - p_g.mean()) / unit,
         overlap=float(slope / (share * (1 - share))),
     )

@@ -72,15 +72,6 @@ def _by_parameter(statistic: Any, chains: Floats, **options: Any) -> Floats:
         return np.asarray(statistic(data, **options)["p"])
 
 
-def check_length(values: Floats) -> None:
-    """Refuse values ``(steps, ...)`` of too few steps to judge."""
-    if len(values) < FEWEST_STEPS:
-        raise ValueError(
-            f"discard: expected at least {FEWEST_STEPS} steps to judge, left "
-            f"{len(values)}"
-        )
-
-
 def tau_by_ensemble(values: Floats, moved: NDArray[np.bool_]) -> Floats:
     """Return emcee's tau by ensemble, ``(ensembles, d)``, of those walkers that moved.
 

@@ -190,19 +190,11 @@ def run(
         "seed": seed,
         "starts": points,
     }
-    backends = check_backends(None if in_file else backend, ensembles)
+    file, chains_in = (backend, None) if in_file else (None, backend)
+    backends = check_backends(chains_in, ensembles)
+    how = workers, pool, on_failure, max_failures, file, resume, probe_tolerance
     # 2. Open workers and file, and solve once.
-    with open_evaluator(
-        posterior,
-        asked,
-        workers=workers,
-        pool=pool,
-        on_failure=on_failure,
-        max_failures=max_failures,
-        backend=backend if in_file else None,
-        resume=resume,
-        probe_tolerance=probe_tolerance,
-    ) as evaluator:
+    with open_evaluator(posterior, asked, *how) as evaluator:
         store = evaluator.store if isinstance(evaluator, StoredEvaluation) else None
         seconds, doubts = check_first_solve(evaluator)
         shape = nwalkers, ensembles, seed

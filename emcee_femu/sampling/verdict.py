@@ -13,8 +13,8 @@ from ..contracts import Floats
 from ..table import Parts, Report, Table
 from .importance import FAIR_SHARE, GOOD_K
 from .judge import (
+    FEWEST_STEPS,
     ModeWeights,
-    check_length,
     effective_sizes,
     excess_scatter,
     mean_sizes,
@@ -223,10 +223,17 @@ class Diagnosis(Report):
 
 
 def measure(chains: Chains) -> Diagnosis:
-    """Return the numbers of chains, not judged."""
+    """Return the numbers of chains, not judged.
+
+    Raises:
+        ValueError: If there are too few steps.
+    """
     draws = chains.draws
     steps, n_ensembles, n_walkers, ndim = draws.shape
-    check_length(draws)
+    if steps < FEWEST_STEPS:
+        raise ValueError(
+            f"discard: expected at least {FEWEST_STEPS} steps to judge, left {steps}"
+        )
     moved = (draws != draws[0]).any(axis=0).all(axis=2)  # (ensembles, walkers)
     by_ensemble = draws.transpose(1, 2, 0, 3)  # (ensembles, walkers, steps, d)
     squares = (draws - draws.mean(axis=(0, 1, 2))) ** 2
