@@ -157,8 +157,7 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
     if about.status == NOT_CONVERGED:
         problems = (*problems, f"the chains are {about.sentence.rstrip('.')}")
     error = np.inf if problems else error
-    volume = chains.log_box
-    return Evidence(value, error, method, problems, overlaps, failed, volume)
+    return Evidence(value, error, method, problems, overlaps, failed, chains.log_box)
 
 
 def _bridge(

@@ -15,7 +15,7 @@ from .anneal import anneal_population, fewest_members
 from .coordinates import Coordinates
 from .importance import find_acceptance, resample
 from .proposals import Component, Trial, carry, extend, refine, uncover
-from .record import SearchRecord, label, separate, weigh
+from .record import Annealed, SearchRecord, label, separate, weigh
 from .response_surface import LEARNED, ResponseSurface, learn_surface
 from .search import Search, follow_modes
 from .tails import climb_tails
@@ -60,8 +60,6 @@ INDEPENDENCE_SHARES = ((0.2, 0.9), (0.05, 0.6), (0.0, 0.2))
 SCREENED_SHARE = 0.8
 SHARE_BESIDE_HAMILTONIAN = 0.1  # the same beside Hamiltonian moves
 KEPT_WEIGHTS = 2_000  # importance weights in the record
-
-Population = tuple[Floats, Floats]  # members and their rows
 
 
 def budget_of(evaluations: int) -> int:
@@ -126,7 +124,7 @@ def search_and_start(
     states, shares = [], []
     for ensemble, rng in enumerate(streams):
         if trial.narrow and populations:
-            theta, rows = populations[ensemble]
+            theta, rows = populations[ensemble].theta, populations[ensemble].rows
             chosen = rng.choice(len(theta), nwalkers, replace=nwalkers > len(theta))
         else:
             theta, rows = trial.theta, trial.rows
@@ -186,7 +184,7 @@ def search_and_start(
 
 def _find_proposal(
     search: Search, most: int, size: int, judged: int, last: int, tunable: bool
-) -> tuple[Trial, ResponseSurface | None, list[Population], bool]:
+) -> tuple[Trial, ResponseSurface | None, list[Annealed], bool]:
     """Return a proposal, what screens it, annealed populations, and what does better.
 
     The last is whether gradients do.
@@ -245,7 +243,7 @@ def _find_proposal(
         if accepted > max(trial.acceptance, POOR_ACCEPTANCE):
             return second, surface, [], False
         trial = second if is_better(second, trial) else trial
-    populations: list[Population] = []
+    populations: list[Annealed] = []
     gradients = tunable and trial.acceptance < POOR_ACCEPTANCE
     if trial.narrow and not (gradients and trial.efficiency):
         affordable, again = evaluator.solves < last, uncover(trial.mixture)
@@ -255,7 +253,7 @@ def _find_proposal(
             populations = _anneal_each(search, last)
         if affordable:
             if populations:
-                members = np.concatenate([theta for theta, _ in populations])
+                members = np.concatenate([each.theta for each in populations])
                 again = Mixture.fit(members, "auto", POPULATION_DF)
             second = attempt(again)
             trial = second if is_better(second, trial) else trial
@@ -282,18 +280,17 @@ def _tune_trajectories(
     return {"metric": metric, "steps": move.steps, "step_size": move.step_size}
 
 
-def _anneal_each(search: Search, last: int) -> list[Population]:
-    """Return an annealed population, and its rows, of each ensemble."""
+def _anneal_each(search: Search, last: int) -> list[Annealed]:
+    """Return an annealed population of each ensemble."""
     evaluator, number = search.evaluator, len(search.streams)
     posterior = evaluator.posterior
     size = max(fewest_members(posterior.ndim), POPULATION // number)
     plain = Coordinates.plain(posterior.prior)
     most = (last - evaluator.solves) / number
-    annealed = [
+    return [
         anneal_population(evaluator, plain, rng, size, most=most)
         for rng in search.streams
     ]
-    return [(population.theta, population.rows) for population in annealed]
 
 
 def _choose_draws(

@@ -73,8 +73,7 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
     @property
     def solves(self) -> int:
         """Solves of all ensembles, including those before the stored chains."""
-        solves: int = self.samplers[0].evaluator.whole.solves
-        return solves
+        return int(self.samplers[0].evaluator.whole.solves)
 
     def __len__(self) -> int:
         """Return the number of ensembles."""

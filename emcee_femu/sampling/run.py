@@ -336,14 +336,13 @@ def _open_chains(
     for ensemble, (part, moves) in enumerate(zip(parts, own, strict=True)):
         start = None if ensemble + 1 in lengths else states[ensemble]
         chains.append(StoredChain(store, ensemble, start, part, moves))
+        part.restore(chains[-1].last.counts)
     longest = max(chain.iteration for chain in chains)
     if steps is not None and longest > steps:
         raise ValueError(
             f"steps: expected at least the {longest} steps that {store.path} holds "
             f"already, got {steps}"
         )
-    for part, chain in zip(parts, chains, strict=True):
-        part.restore(chain.last.counts)
     # What was evaluated of a step that was not stored is evaluated again.
     solver.restore(store.spent())
     return chains
