@@ -84,7 +84,6 @@ def _ask(record: Run, ess: float) -> tuple[bool, str]:
         read_backends([sampler.backend for sampler in record], betas),
         names=record.posterior.names,
         search=record.search,
-        starts_given=record.starts_given,
     )
     diagnosis = measure(chains)
     chain = judge_chains(diagnosis, record.starts_given, 0)
