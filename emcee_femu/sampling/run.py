@@ -255,9 +255,8 @@ def run(
                     record, states, ess, solves, each, progress, walk
                 )
             else:
-                walk(
-                    states, steps, progress_bar(progress, steps * ensembles, "sampling")
-                )
+                bar = progress_bar(progress, steps * ensembles, "sampling")
+                walk(states, steps, bar)
                 stopped = STOPPED_BY_STEPS
         except BaseException as error:  # also of the keyboard: nothing is lost
             error.run = record  # type: ignore[attr-defined]
