@@ -176,11 +176,8 @@ class DelayedAcceptanceMove(ProposingMove, Report):
         """Return the values of c ``(n,)``, finite or -inf."""
         rows = checks.numeric_array("cheap", self.cheap(theta))
         log_prob: Floats = rows[:, 0] if rows.ndim == 2 and rows.size else rows
-        if log_prob.shape != (len(theta),):
-            raise ValueError(
-                f"cheap: expected {len(theta)} log-probabilities for as many rows, got "
-                f"shape {rows.shape}"
-            )
+        remedy = "return a log-probability for each row"
+        checks.shaped("cheap", log_prob.shape, (len(theta),), remedy=remedy)
         if not (log_prob < np.inf).all():
             row = int(np.argmin(log_prob < np.inf))
             raise ValueError(f"cheap: {log_prob[row]} at {theta[row].tolist()}")

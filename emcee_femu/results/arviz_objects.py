@@ -106,10 +106,8 @@ def _group(idata: InferenceData, group: str) -> Dataset:
 
 def is_weighted(idata: InferenceData) -> bool:
     """Return whether the draws have weights, as :func:`certify` gives them."""
-    try:
-        return "weight" in _group(idata, "sample_stats")
-    except KeyError:  # of draws from elsewhere
-        return False
+    # Draws from elsewhere may lack the group.
+    return "sample_stats" in idata and "weight" in _group(idata, "sample_stats")
 
 
 def samples(

@@ -52,7 +52,7 @@ def read_chains(
             one or several; the name of a run's file; or an ArviZ object.
         posterior: What was sampled, where the source does not know it.
         discard: Stored steps to drop as burn-in.
-        thin: Keep every ``thin``-th stored step.
+        thin: Keep every ``thin``-th stored step; of an ArviZ object all are kept.
         blobs: Whether to read them too.
         hot: Whether to keep the hot walkers of a tempered run.
         argument: What the user calls the source.
@@ -74,7 +74,7 @@ def read_chains(
         held: Chains = as_chains()
         return replace(held, posterior=posterior)
     if is_arviz(source):
-        return _of_arviz(source, posterior, discard, thin)
+        return _of_arviz(source, posterior, discard)
     read = partial(read_backends, discard=discard, thin=thin, blobs=blobs, hot=hot)
     if isinstance(source, str | os.PathLike):
         try:
@@ -94,7 +94,10 @@ def read_chains(
     names: tuple[str, ...] = ()
     weighted = list[tuple[Move, float]]()
     if isinstance(samplers[0], emcee.EnsembleSampler):
-        posterior = posterior or _sampled_by(samplers[0])
+        function = unwrap(samplers[0].log_prob_fn)
+        function = getattr(function, "posterior", function)  # of what evaluates it
+        if posterior is None and isinstance(function, LogPosterior):
+            posterior = function
         names, weighted = _given_names(samplers[0]), moves_of(samplers[0])
     chains = read(backends, ladder_of([move for move, _ in weighted]))
     d = chains.draws.shape[-1]
@@ -121,13 +124,6 @@ def read_chains(
         starts_given=source.starts_given,
         doubts=source.doubts,
     )
-
-
-def _sampled_by(sampler: emcee.EnsembleSampler) -> LogPosterior | None:
-    """Return the posterior of an emcee sampler, None where it is of something else."""
-    function = unwrap(sampler.log_prob_fn)
-    found = getattr(function, "posterior", function)  # of what evaluates it
-    return found if isinstance(found, LogPosterior) else None
 
 
 def _given_names(sampler: emcee.EnsembleSampler) -> tuple[str, ...]:
@@ -176,7 +172,7 @@ def _of_file(
 
 
 def _of_arviz(
-    idata: InferenceData, posterior: LogPosterior | None, discard: int, thin: int
+    idata: InferenceData, posterior: LogPosterior | None, discard: int
 ) -> Chains:
     """Return the chains of an ArviZ object, ours or that of ``arviz.from_emcee``."""
     names, chains = samples(idata)  # (chains, draws, d)
@@ -195,9 +191,8 @@ def _of_arviz(
     shape = len(counts), int(counts[0])
     draws = chains.reshape(*shape, -1, len(names)).transpose(2, 0, 1, 3)
     log_prob = lp.reshape(*shape, -1).transpose(2, 0, 1)
-    kept = slice(discard + thin - 1, None, thin)
-    if not len(draws[kept]):
-        raise ValueError(f"discard: no steps are left after {discard} (thin={thin})")
+    if len(draws) <= discard:
+        raise ValueError(f"discard: no steps are left after {discard}")
     told = {k: json.loads(group.attrs[k]) for k in STORED if k in group.attrs}
     told |= {name: group.attrs[name] for name in TOLD if name in group.attrs}
     told = told or {"plain": True}
@@ -207,5 +202,5 @@ def _of_arviz(
     if told.get("search") is not None:
         told["search"] = SearchRecord.from_json(told["search"])
     told["betas"] = np.array(told.get("betas", [1.0]))
-    known = tuple(names), draws[kept], log_prob[kept], fractions.reshape(shape)
+    known = tuple(names), draws[discard:], log_prob[discard:], fractions.reshape(shape)
     return Chains(*known, posterior=posterior, **told)

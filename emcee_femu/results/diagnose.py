@@ -233,7 +233,7 @@ def _find_swaps(chains: Chains) -> Iterator[str]:
     if (search := chains.search) is None:
         return
     for experiment, found in search.followed.items():
-        for i, numbers in enumerate(np.array(found)):
+        for i, numbers in enumerate(found):
             there = numbers != 1 + np.arange(len(numbers))
             swapped = np.flatnonzero(there & (numbers > 0))
             if not swapped.size or search.weights[i] < SMALL_MAXIMUM:

@@ -7,7 +7,7 @@ from scipy import stats
 
 from ..contracts import Floats
 from ..sampling.importance import bridge
-from ..sampling.judge import check_length, tau_by_ensemble
+from ..sampling.judge import tau_by_ensemble
 from ..sampling.record import Annealed, Chains, about_box
 from ..sampling.verdict import NOT_CONVERGED, judge_chains, measure
 from ..table import Parts, Report
@@ -139,11 +139,12 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
             f"returned, got a {chains.kind} of {chains.moves}"
         )
     log_prob = chains.log_prob
-    check_length(log_prob)
     if not np.isfinite(log_prob).all():
         raise ValueError(
             "source: a log-posterior is not finite; start elsewhere, or discard more"
         )
+    cold = read_chains(source, discard=discard)
+    about = judge_chains(measure(cold), cold.starts_given, discard)
     failed = sum(chains.failures.values())
     overlaps, method = np.empty(0), "by a bridge from the frozen proposal"
     if chains.search is not None:
@@ -153,13 +154,10 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
     else:
         value, error, problems, overlaps = _climb_ladder(chains)
         method = f"by bridges between {len(chains.betas)} betas"
-    cold = read_chains(source, discard=discard)
-    about = judge_chains(measure(cold), cold.starts_given, discard)
     if about.status == NOT_CONVERGED:
         problems = (*problems, f"the chains are {about.sentence.rstrip('.')}")
     error = np.inf if problems else error
-    volume = chains.log_box
-    return Evidence(value, error, method, problems, overlaps, failed, volume)
+    return Evidence(value, error, method, problems, overlaps, failed, chains.log_box)
 
 
 def _bridge(

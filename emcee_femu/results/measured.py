@@ -18,7 +18,7 @@ from ..likelihoods.term import Term
 from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
 from ..sampling.judge import spread_out
-from .arviz_objects import Dataset, InferenceData, dataset, groups, original_name
+from .arviz_objects import Dataset, InferenceData, dataset, original_name
 
 FLAT = 1e-9  # sd of ln(lambda) of a mode that no parameter changes, but rounding
 ENOUGH_REGRESSED = 10_000  # samples in a fit; 3,000 gave the same gradients as 72,000
@@ -113,9 +113,8 @@ def measured_frequencies(
 
 def read_measured(idata: InferenceData) -> list[Measured]:
     """Return every measured variable that the response holds; there may be none."""
-    there = groups(idata)
     held: dict[str, Dataset] = {
-        group: dataset(idata, group).data_vars if group in there else {}
+        group: dataset(idata, group).data_vars if group in idata else {}
         for group in GROUPS
     }
     return [

@@ -1,14 +1,13 @@
 """Advance the ensembles of a run: by so many steps, or until the verdict is good."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import emcee
 import numpy as np
 
-from ..evaluation.evaluator import Evaluation
+from ..evaluation.evaluator import Bar, Evaluation
 from ..evaluation.samplers import Sampler, Weighted, caption, progress_bar, take_turns
 from ..moves.proposing import ladder_of
 from .record import STOPPED_BY_SOLVES, STOPPED_BY_VERDICT, Run, read_backends
@@ -26,18 +25,25 @@ SD_AT_END = 0.05
 def sample_until(
     record: Run,
     states: Sequence[emcee.State],
-    parts: Sequence[Evaluation],
     ess: float,
     solves: int,
-    thin_by: int,
+    each: int,
     progress: bool | str,
-    fresh: Weighted | None,
-    together: Sequence[Evaluation] | None,
+    walk: Callable[[Sequence[emcee.State], int, Bar], None],
 ) -> str:
     """Advance all ensembles until the verdict is good, or solves are spent.
 
     The verdict is asked at steps that depend on nothing, so that a run which is
-    resumed has the same end. See :func:`sample_steps` for the arguments.
+    resumed has the same end.
+
+    Args:
+        record: The run.
+        states: Where each ensemble goes on from.
+        ess: Effective samples that a good verdict takes.
+        solves: How many may be spent.
+        each: Evaluations of a stored step of all ensembles.
+        progress: How it is shown.
+        walk: :func:`sample_steps` of these samplers.
 
     Returns:
         Why it ended.
@@ -45,8 +51,8 @@ def sample_until(
     samplers = record.samplers
     bar = progress_bar(progress, solves, "sampling")
     with bar:
-        for part in parts:
-            part.bar = bar
+        for sampler in samplers:
+            sampler.evaluator.bar = bar
         bar.update(record.solves)
         while True:
             lengths = [sampler.iteration for sampler in samplers]
@@ -60,16 +66,14 @@ def sample_until(
                     if converged:
                         return STOPPED_BY_VERDICT
                     look = next_look(done + 1)
-                each = thin_by * sum(sampler.nwalkers for sampler in samplers)
                 # A proposal of some moves takes several solves, which steps show; a
                 # few of them before many, and half of what is left before the rest.
-                if done:
-                    each = max(each, -(-(record.solves - record.evaluations) // done))
-                room = left // each
+                spent = record.solves - record.evaluations if done else 0
+                room = left // max(each, -(-spent // max(done, 1)))
                 look = min(look, done + room - room // 2, 2 * done + FIRST_STEPS)
                 if look <= done:
                     return STOPPED_BY_SOLVES
-            sample_steps(samplers, states, look, thin_by, None, fresh, together)
+            walk(states, look, Evaluation.bar)  # which shows nothing
             states = [sampler.get_last_sample() for sampler in samplers]
 
 
@@ -80,7 +84,6 @@ def _ask(record: Run, ess: float) -> tuple[bool, str]:
         read_backends([sampler.backend for sampler in record], betas),
         names=record.posterior.names,
         search=record.search,
-        starts_given=record.starts_given,
     )
     diagnosis = measure(chains)
     chain = judge_chains(diagnosis, record.starts_given, 0)
@@ -105,34 +108,33 @@ def next_look(steps: int) -> int:
 
 def sample_steps(
     samplers: Sequence[Sampler],
+    thin_by: int,
+    fresh: Weighted | None,
+    together: bool,
     states: Sequence[emcee.State],
     steps: int,
-    thin_by: int,
-    bar: Any,
-    fresh: Weighted | None,
-    together: Sequence[Evaluation] | None,
+    bar: Bar,
 ) -> None:
     """Advance all ensembles to ``steps``, one after another or in turns on a pool.
 
     Args:
         samplers: One of each ensemble.
+        thin_by: Steps for each that is stored.
+        fresh: Moves as they were given, by which what a move remembers is checked.
+        together: Whether the ensembles take turns.
         states: Where each goes on from.
         steps: Stored steps of each in the end.
-        thin_by: Steps for each that is stored.
-        bar: What shows steps; None for nothing.
-        fresh: Moves as they were given, by which what a move remembers is checked.
-        together: What evaluates for each ensemble, where they take turns.
+        bar: What shows steps.
     """
     left = [steps - sampler.iteration for sampler in samplers]
-    bar = progress_bar(False, 0, "") if bar is None else bar
     bar.update(steps * len(samplers) - sum(left))
 
     def advance(number: int) -> None:
         samplers[number].advance(states[number], left[number], thin_by, bar, fresh)
 
     with bar:
-        if together is not None:
-            take_turns(together, advance)
+        if together:
+            take_turns([sampler.evaluator for sampler in samplers], advance)
         else:
             for number in range(len(samplers)):
                 advance(number)

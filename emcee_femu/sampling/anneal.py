@@ -16,6 +16,7 @@ import numpy as np
 from numpy.random import RandomState
 from numpy.typing import NDArray
 from scipy.optimize import brentq
+from scipy.special import softmax
 
 from .. import checks
 from ..contracts import Floats
@@ -26,15 +27,7 @@ from ..moves.proposing import temper
 from ..posterior.log_posterior import LogPosterior
 from .coordinates import Coordinates
 from .first_solve import check_first_solve, doubt_reach
-from .importance import (
-    FAIR_SHARE,
-    GOOD_K,
-    bridge,
-    kish_share,
-    normalise,
-    pareto_k,
-    resample,
-)
+from .importance import FAIR_SHARE, GOOD_K, bridge, kish_share, pareto_k, resample
 from .record import Annealed
 
 MOST_FINITE_DRAWS = 20  # times the size, for a population of finite likelihood
@@ -213,7 +206,7 @@ def anneal_population(
                 "function of the parameters alone?"
             )
         powers.append(1.0 if step == 1 - powers[-1] else powers[-1] + step)
-        weights = normalise(step * low)
+        weights = softmax(step * low)
         kept = np.concatenate(
             [half[resample(weights[half], len(half), rng.random())] for half in halves]
         )

@@ -18,8 +18,6 @@ Moves: TypeAlias = Move | Sequence[Move] | Sequence[tuple[Move, float]]
 def weigh_moves(moves: object, argument: str = "moves") -> list[tuple[Move, float]]:
     """Return moves with weights: of one, of a list of them, or of weighted pairs."""
     listed: list[Any] = list(moves) if isinstance(moves, list | tuple) else [moves]
-    if not listed:
-        raise ValueError(f"{argument}: expected at least one move, got none")
     pairs = [item for item in listed if isinstance(item, list | tuple)]
     if pairs and (len(pairs) < len(listed) or any(len(pair) != 2 for pair in pairs)):
         raise TypeError(f"{argument}: expected (move, weight) pairs, got {moves!r}")
@@ -35,7 +33,8 @@ def weigh_moves(moves: object, argument: str = "moves") -> list[tuple[Move, floa
                 + (f"; write {move.__name__}()" if isinstance(move, type) else "")
             )
     if not sum(weight for _, weight in weighted) > 0:
-        raise ValueError(f"{argument}: expected a weight above zero, got {moves!r}")
+        expected = "at least one move of a weight above zero"
+        raise ValueError(f"{argument}: expected {expected}, got {moves!r}")
     return weighted
 
 
@@ -73,11 +72,8 @@ def check_starts(
     if points.ndim == 2 and ensembles == 1:
         points = points[None]
     expected = (ensembles, nwalkers, posterior.ndim)
-    if points.shape != expected:
-        raise ValueError(
-            f"starts: expected shape {expected} (ensembles, nwalkers, ndim), got "
-            f"{points.shape}"
-        )
+    remedy = "they are (ensembles, nwalkers, ndim)"
+    checks.shaped("starts", points.shape, expected, remedy=remedy)
     posterior.check_inside("starts", points.reshape(-1, posterior.ndim))
     return points
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import emcee
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import softmax
 
 from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
@@ -12,18 +13,9 @@ from ..moves import HamiltonianMove
 from ..moves.mixture import Mixture
 from .anneal import anneal_population, fewest_members
 from .coordinates import Coordinates
-from .importance import find_acceptance, normalise, resample
-from .proposals import (
-    Component,
-    Trial,
-    add_components,
-    carry,
-    cover,
-    only,
-    refine,
-    uncover,
-)
-from .record import SearchRecord, label, separate, weigh
+from .importance import find_acceptance, resample
+from .proposals import Component, Trial, carry, extend, refine, uncover
+from .record import Annealed, SearchRecord, label, separate, weigh
 from .response_surface import LEARNED, ResponseSurface, learn_surface
 from .search import Search, follow_modes
 from .tails import climb_tails
@@ -68,8 +60,6 @@ INDEPENDENCE_SHARES = ((0.2, 0.9), (0.05, 0.6), (0.0, 0.2))
 SCREENED_SHARE = 0.8
 SHARE_BESIDE_HAMILTONIAN = 0.1  # the same beside Hamiltonian moves
 KEPT_WEIGHTS = 2_000  # importance weights in the record
-
-Population = tuple[Floats, Floats]  # members and their rows
 
 
 def budget_of(evaluations: int) -> int:
@@ -129,25 +119,21 @@ def search_and_start(
     count = int(mode_of.max()) + 1
     tops = np.array([maximum.theta for maximum in search.maxima])
     found_by = np.zeros((ensembles, count), dtype=np.intp)
-    for mode, by in zip(
-        label(tops, trial.mixture, mode_of), search.found_by, strict=True
-    ):
-        found_by[:, mode] += by
+    np.add.at(found_by.T, label(tops, trial.mixture, mode_of), search.found_by)
     labels = label(trial.theta, trial.mixture, mode_of)
-    places = []
+    states, shares = [], []
     for ensemble, rng in enumerate(streams):
         if trial.narrow and populations:
-            theta, rows = populations[ensemble]
+            theta, rows = populations[ensemble].theta, populations[ensemble].rows
             chosen = rng.choice(len(theta), nwalkers, replace=nwalkers > len(theta))
         else:
             theta, rows = trial.theta, trial.rows
             part = np.array_split(np.arange(len(theta)), ensembles)[ensemble]
             in_its_modes = found_by[ensemble, labels] > 0
             chosen = _choose_draws(rng, trial.log_weights, part, in_its_modes, nwalkers)
-        places.append((theta[chosen], rows[chosen]))
-    states, shares = [], []
-    for child, (theta, rows) in zip(seeds, places, strict=True):
-        random = np.random.RandomState(np.random.MT19937(child)).get_state()
+        theta, rows = theta[chosen], rows[chosen]
+        stream = np.random.MT19937(seeds[ensemble])
+        random = np.random.RandomState(stream).get_state()
         states.append(emcee.State(theta, rows[:, 0], rows[:, 1:], random))
         modes = label(theta, trial.mixture, mode_of)
         shares.append(np.bincount(modes, minlength=count) / nwalkers)
@@ -159,11 +145,10 @@ def search_and_start(
         screened = min(int(np.ceil(SCREENED / accepted)), MOST_SCREENED)
         share = SCREENED_SHARE
     if gradients:
-        draws = np.concatenate([theta for theta, _ in places])
+        draws = np.concatenate([state.coords for state in states])
         trajectories = _tune_trajectories(evaluator, trial.mixture, draws)
-        share = (
-            SHARE_BESIDE_HAMILTONIAN if count > 1 else 0.0
-        )  # for jumps between modes
+        # For jumps between modes.
+        share = SHARE_BESIDE_HAMILTONIAN if count > 1 else 0.0
     weights, errors = weigh(labels, trial.log_weights, count)
     height = np.where(labels[:, None] == np.arange(count), trial.rows[:, :1], -np.inf)
     met = np.isfinite(height.max(axis=0))
@@ -199,7 +184,7 @@ def search_and_start(
 
 def _find_proposal(
     search: Search, most: int, size: int, judged: int, last: int, tunable: bool
-) -> tuple[Trial, ResponseSurface | None, list[Population], bool]:
+) -> tuple[Trial, ResponseSurface | None, list[Annealed], bool]:
     """Return a proposal, what screens it, annealed populations, and what does better.
 
     The last is whether gradients do.
@@ -229,10 +214,8 @@ def _find_proposal(
         new = [*added]
         for number in range(TAIL_ROUNDS + 1):
             if new:
-                refined = cover(add_components(uncover(refined), new))
-                alone = only(new, refined.df)
                 drawn = size * max(1, len(new) // SLABS_PER_ROUND) // 2
-                draws.add(*propose(alone, drawn), alone)
+                refined = extend(draws, refined, new, drawn, propose)
             if number == TAIL_ROUNDS or (number and not new):
                 break
             # The refinement, for which "last" leaves room, is over.
@@ -260,7 +243,7 @@ def _find_proposal(
         if accepted > max(trial.acceptance, POOR_ACCEPTANCE):
             return second, surface, [], False
         trial = second if is_better(second, trial) else trial
-    populations: list[Population] = []
+    populations: list[Annealed] = []
     gradients = tunable and trial.acceptance < POOR_ACCEPTANCE
     if trial.narrow and not (gradients and trial.efficiency):
         affordable, again = evaluator.solves < last, uncover(trial.mixture)
@@ -270,7 +253,7 @@ def _find_proposal(
             populations = _anneal_each(search, last)
         if affordable:
             if populations:
-                members = np.concatenate([theta for theta, _ in populations])
+                members = np.concatenate([each.theta for each in populations])
                 again = Mixture.fit(members, "auto", POPULATION_DF)
             second = attempt(again)
             trial = second if is_better(second, trial) else trial
@@ -297,18 +280,17 @@ def _tune_trajectories(
     return {"metric": metric, "steps": move.steps, "step_size": move.step_size}
 
 
-def _anneal_each(search: Search, last: int) -> list[Population]:
-    """Return an annealed population, and its rows, of each ensemble."""
+def _anneal_each(search: Search, last: int) -> list[Annealed]:
+    """Return an annealed population of each ensemble."""
     evaluator, number = search.evaluator, len(search.streams)
     posterior = evaluator.posterior
     size = max(fewest_members(posterior.ndim), POPULATION // number)
     plain = Coordinates.plain(posterior.prior)
     most = (last - evaluator.solves) / number
-    annealed = [
+    return [
         anneal_population(evaluator, plain, rng, size, most=most)
         for rng in search.streams
     ]
-    return [(population.theta, population.rows) for population in annealed]
 
 
 def _choose_draws(
@@ -335,5 +317,5 @@ def _choose_draws(
     eligible = log_weights[part]
     if (possible & in_its_modes)[part].any():
         eligible = np.where(in_its_modes[part], eligible, -np.inf)
-    drawn = resample(normalise(eligible), nwalkers, rng.random(nwalkers))  # stratified
+    drawn = resample(softmax(eligible), nwalkers, rng.random(nwalkers))  # stratified
     return rng.permutation(part[drawn])

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.special import expit
+from scipy.special import expit, softmax
 
 from ..contracts import Floats
 
@@ -106,17 +106,11 @@ def find_acceptance(log_p: Floats, log_c: Floats, log_q: Floats) -> float:
     log_p, log_c, log_q = log_p[some], log_c[some], log_q[some]
     if not np.isfinite(log_p + log_c).any():
         return 0.0
-    at_p, at_c = (normalise(x - log_q) for x in (log_p, log_c))
+    at_p, at_c = (softmax(x - log_q) for x in (log_p, log_c))
     with np.errstate(invalid="ignore"):  # of draws where p or c is zero
         log_weights = log_p - log_c
         ratios = np.exp(np.minimum(log_weights - log_weights[:, None], 0.0))
     return float(at_p @ np.nan_to_num(ratios) @ at_c)
-
-
-def normalise(log_weights: Floats) -> Floats:
-    """Return weights that add up to one, from their logarithms."""
-    weights = np.exp(log_weights - log_weights.max())
-    return np.asarray(weights / weights.sum())
 
 
 def resample(weights: Floats, size: int, offset: float | Floats) -> NDArray[np.intp]:
@@ -185,11 +179,10 @@ def bridge(at_f: Floats, at_g: Floats, share: float = 0.5) -> Bridge:
     # Each side of the equation, and its derivative by log_ratio: as f (1 - p) s is
     # g p (1 - s), the mean of p (1 - p) is that of p over g.
     slope = (1 - share) * p_g.mean()
-    if not slope > 0:
-        return Bridge(log_ratio, np.zeros_like(at_f), np.zeros_like(at_g), 0.0)
+    unit = slope if slope > 0 else np.inf  # without overlap no error is known
     return Bridge(
         log_ratio=log_ratio,
-        from_f=share * (p_f - p_f.mean()) / slope,
-        from_g=(1 - share) * (p_g - p_g.mean()) / slope,
+        from_f=share * (p_f - p_f.mean()) / unit,
+        from_g=(1 - share) * (p_g - p_g.mean()) / unit,
         overlap=float(slope / (share * (1 - share))),
     )

@@ -72,26 +72,15 @@ def _by_parameter(statistic: Any, chains: Floats, **options: Any) -> Floats:
         return np.asarray(statistic(data, **options)["p"])
 
 
-def check_length(values: Floats) -> None:
-    """Refuse values ``(steps, ...)`` of too few steps to judge."""
-    if len(values) < FEWEST_STEPS:
-        raise ValueError(
-            f"discard: expected at least {FEWEST_STEPS} steps to judge, left "
-            f"{len(values)}"
-        )
-
-
-def autocorrelation_time(chain: Floats) -> Floats:
-    """Return emcee's tau of ``chain (steps, walkers, d)``, ``(d,)``, however short."""
-    # tol=0 because diagnose reports steps / tau itself.
-    return np.asarray(emcee.autocorr.integrated_time(chain, tol=0))
-
-
 def tau_by_ensemble(values: Floats, moved: NDArray[np.bool_]) -> Floats:
-    """Return tau by ensemble, ``(ensembles, d)``, of those walkers that moved."""
+    """Return emcee's tau by ensemble, ``(ensembles, d)``, of those walkers that moved.
+
+    However short they are: diagnose reports steps / tau itself.
+    """
     taus = np.full((values.shape[1], values.shape[3]), np.nan)
     for ensemble in np.flatnonzero(moved.any(axis=1)):
-        taus[ensemble] = autocorrelation_time(values[:, ensemble, moved[ensemble]])
+        walkers = values[:, ensemble, moved[ensemble]]
+        taus[ensemble] = emcee.autocorr.integrated_time(walkers, tol=0)
     return taus
 
 

@@ -5,18 +5,11 @@ from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
 from ..contracts import Floats
 from ..moves.mixture import Mixture
-from .importance import (
-    FAIR_SHARE,
-    GOOD_K,
-    find_acceptance,
-    kish_share,
-    normalise,
-    pareto_k,
-)
+from .importance import FAIR_SHARE, GOOD_K, find_acceptance, kish_share, pareto_k
 
 REFINING_ROUNDS = 12
 GOOD_SHARE = 0.9  # effective share of a round's draws that ends the refinement
@@ -91,7 +84,7 @@ class Draws:
     @property
     def shares(self) -> Floats:
         """The weights, which sum to one."""
-        return normalise(self.log_weights)
+        return np.asarray(softmax(self.log_weights))
 
     @property
     def log_evidence(self) -> float:
@@ -207,10 +200,14 @@ def add_components(mixture: Mixture, added: Sequence[Component]) -> Mixture:
     )
 
 
-def only(added: Sequence[Component], df: float) -> Mixture:
-    """Return the mixture of components alone."""
+def extend(
+    draws: Draws, mixture: Mixture, added: Sequence[Component], n: int, propose: Propose
+) -> Mixture:
+    """Return a covered mixture with more components, after draws of these alone."""
     weights, means, matrices = map(np.array, zip(*added, strict=True))
-    return Mixture(weights / weights.sum(), means, matrices, df)
+    alone = Mixture(weights / weights.sum(), means, matrices, mixture.df)
+    draws.add(*propose(alone, n), alone)
+    return cover(add_components(uncover(mixture), added))
 
 
 def carry(draws: Draws, mixture: Mixture, size: int, propose: Propose) -> Mixture:
@@ -219,9 +216,8 @@ def carry(draws: Draws, mixture: Mixture, size: int, propose: Propose) -> Mixtur
         carriers = list(_carriers(draws, mixture))
         if not carriers:
             break
-        mixture = cover(add_components(uncover(mixture), carriers))
-        alone = only(carriers, mixture.df)
-        draws.add(*propose(alone, round(CARRYING_SHARE * size)), alone)
+        number = round(CARRYING_SHARE * size)
+        mixture = extend(draws, mixture, carriers, number, propose)
     return mixture
 
 

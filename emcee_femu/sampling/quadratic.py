@@ -89,8 +89,7 @@ def make_positive(curvature: Floats) -> Floats:
     least = max(LEAST_CURVATURE, CURVATURE_ROUNDED * values[-1])
     if values[0] >= least:
         return curvature
-    positive: Floats = (vectors * np.maximum(np.abs(values), least)) @ vectors.T
-    return positive
+    return np.asarray((vectors * np.maximum(np.abs(values), least)) @ vectors.T)
 
 
 def step_within(

@@ -12,6 +12,7 @@ import numpy as np
 from emcee.backends import Backend
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
+from scipy.special import softmax
 
 from ..contracts import Floats, Move, Prior
 from ..evaluation.failures import FailureLog
@@ -23,7 +24,6 @@ from ..moves.independence import IndependenceMove
 from ..moves.mixture import Mixture
 from ..posterior.log_posterior import LogPosterior
 from ..table import Column, Parts, Report, Table, unit_column
-from .importance import normalise
 from .proposals import COVERS
 from .response_surface import ResponseSurface
 
@@ -34,10 +34,8 @@ HAMILTONIAN = 0.8  # of the moves where gradients do better
 STOPPED_BY_VERDICT, STOPPED_BY_SOLVES, STOPPED_BY_STEPS = "converged", "solves", "steps"
 # The same in words.
 ENDED = {
-    "": "",
     STOPPED_BY_VERDICT: "it had converged",
     STOPPED_BY_SOLVES: "its solves were spent; resume=True with more goes on",
-    STOPPED_BY_STEPS: "",
 }
 Labels: TypeAlias = NDArray[np.intp]
 
@@ -75,8 +73,7 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
     @property
     def solves(self) -> int:
         """Solves of all ensembles, including those before the stored chains."""
-        solves: int = self.samplers[0].evaluator.whole.solves
-        return solves
+        return int(self.samplers[0].evaluator.whole.solves)
 
     def __len__(self) -> int:
         """Return the number of ensembles."""
@@ -96,17 +93,14 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
     def _parts(self) -> Parts:
         steps = [sampler.iteration for sampler in self.samplers]
         walkers = self.samplers[0].nwalkers
-        ended = ENDED[self.stopped]
+        ended = ENDED.get(self.stopped)
         yield (
             f"{len(self)} ensemble{'s' * (len(self) > 1)} of {walkers} walkers, "
             f"{min(steps)} steps, {self.solves:,} solves"
-            + f"; the run ended when {ended}"
-            * bool(ended)
+            + (f"; the run ended when {ended}" if ended else "")
         )
-        if self.search is not None:
-            yield f"Moves: {self.search.sentence}"
-        else:
-            yield "Moves: " + describe_moves(self.moves)
+        how = self.search.sentence if self.search else describe_moves(self.moves)
+        yield f"Moves: {how}"
         if self.failures is not None and self.failures.causes:
             yield f"Failed solves: {dict(self.failures.causes)}"
 
@@ -349,8 +343,7 @@ class SearchRecord(Report):
     def sentence(self) -> str:
         """What was done, in words."""
         modes = len(self.weights)
-        shares = [(type(move).__name__, s) for move, s in self.moves(None)]
-        parts = [f"{100 * share:.0f} % {name}" for name, share in shares]
+        parts = [f"{100 * s:.0f} % {type(m).__name__}" for m, s in self.moves(None)]
         return (
             f"a search by {self.points} points and {self.climbs} climbs found "
             f"{'one mode' if modes == 1 else f'{modes} separated modes'}; "
@@ -372,26 +365,22 @@ class SearchRecord(Report):
         """Return the record as JSON types."""
         fields = asdict(self)
         fields["mixture"] = [*fields["mixture"].values()]
-        record: dict[str, Any]
-        record = json.loads(json.dumps(fields, default=np.ndarray.tolist))
-        return record
+        return dict(json.loads(json.dumps(fields, default=np.ndarray.tolist)))
 
     @classmethod
     def from_json(cls, record: dict[str, Any]) -> Self:
         """Return the record that :meth:`to_json` wrote."""
         *lists, df = record["mixture"]
         weights, means, matrices = map(np.array, lists)
-        values = _as_arrays(record | {"mixture": None})
-        values["mixture"] = Mixture(weights, means, matrices, df)
-        for name in ("trajectories", "surface"):
-            if record.get(name) is not None:
-                values[name] = _as_arrays(record[name])
-        return cls(**values)
+        mixture = Mixture(weights, means, matrices, df)
+        return cls(**_as_arrays(record | {"mixture": mixture}))
 
 
-def _as_arrays(record: dict[str, Any]) -> dict[str, Any]:
-    """Return a record with arrays for lists."""
-    return {k: np.array(v) if type(v) is list else v for k, v in record.items()}
+def _as_arrays(value: Any) -> Any:
+    """Return a value with arrays for lists, in mappings too."""
+    if type(value) is dict:
+        return {key: _as_arrays(part) for key, part in value.items()}
+    return np.array(value) if type(value) is list else value
 
 
 def read_backends(
@@ -453,7 +442,7 @@ def weigh(labels: Labels, log_weights: Floats, count: int) -> tuple[Floats, Floa
     """Return the weight of each mode by importance sampling, and standard errors."""
     if not np.isfinite(log_weights).any():
         return np.full(count, np.nan), np.full(count, np.nan)
-    weights = normalise(log_weights)
+    weights = softmax(log_weights)
     inside = labels[:, None] == np.arange(count)
     shares = weights @ inside
     return shares, np.sqrt(weights**2 @ (inside - shares) ** 2)

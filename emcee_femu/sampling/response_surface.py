@@ -7,13 +7,13 @@ mixture of ellipsoids, and so cheap that it screens many proposals for each solv
 """
 
 from dataclasses import dataclass
-from functools import partial
 from math import comb
 from typing import Any
 
 import emcee
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import softmax
 
 from ..contracts import Floats, Prior
 from ..evaluation.evaluator import Evaluation
@@ -21,7 +21,7 @@ from ..likelihoods.term import log_normal
 from ..moves import DEMCMove, IndependenceMove
 from ..moves.mixture import Mixture
 from .coordinates import Coordinates
-from .importance import normalise, resample
+from .importance import resample
 from .proposals import cover, uncover
 
 MOST_TERMS, DEGREES = 500, range(1, 5)  # of polynomials: cubic for 9 to 12 parameters
@@ -181,10 +181,8 @@ def learn_surface(
     values: list[Floats] = []
     for _ in range(MOST_FIRST_DRAWS):
         drawn = mixture.draw(rng, SOLVES_PER_TERM * terms)
-        drawn = drawn[np.isfinite(prior.logpdf(drawn))]
-        for part in np.array_split(drawn, 1 + len(drawn) // SURFACE_SOLVES):
-            points.append(part)
-            values.append(solve(part))
+        points.append(drawn[np.isfinite(prior.logpdf(drawn))])
+        values.append(solve(points[-1]))
         theta, solved = np.vstack(points), np.vstack(values)
         if np.isfinite(solved).all(axis=1).sum() > terms:
             break
@@ -225,11 +223,15 @@ def _walk(
     )
     moves = [(independent, INDEPENDENT), (DEMCMove(), 1.0 - INDEPENDENT)]
     drawn = []
+
+    def heat(theta: Floats, hot: float) -> Floats:
+        return surface(theta) / hot
+
     for hot in SURFACE_TEMPERATURES:
         size = SURFACE_SOLVES // len(SURFACE_TEMPERATURES)
-        start = x[resample(normalise(log_c / hot - log_q), size, rng.random())]
+        start = x[resample(softmax(log_c / hot - log_q), size, rng.random())]
         sampler = emcee.EnsembleSampler(
-            *start.shape, partial(_heat, surface, hot), moves=moves, vectorize=True
+            *start.shape, heat, args=[hot], moves=moves, vectorize=True
         )
         sampler.random_state = np.random.RandomState(rng.integers(2**31)).get_state()
         # Starts may coincide, until independent proposals part them.
@@ -241,11 +243,6 @@ def _walk(
             )
         )
     return drawn
-
-
-def _heat(surface: ResponseSurface, hot: float, theta: Floats) -> Floats:
-    """Return the log-density of a surface at a temperature."""
-    return surface(theta) / hot
 
 
 def _coordinates(prior: Prior, logs: NDArray[np.bool_]) -> Coordinates:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from os import PathLike
 
 import emcee
@@ -28,20 +29,10 @@ from ..evaluation.store import Store, StoredChain
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
 from .advance import sample_steps, sample_until
-from .arguments import (
-    Moves,
-    check_backends,
-    check_starts,
-    check_walkers,
-    weigh_moves,
-)
+from .arguments import Moves, check_backends, check_starts, check_walkers, weigh_moves
 from .auto import budget_of, search_and_start
 from .first_solve import check_first_solve, draw_starts, time_batch
-from .record import (
-    STOPPED_BY_STEPS,
-    Run,
-    SearchRecord,
-)
+from .record import STOPPED_BY_STEPS, Run, SearchRecord
 
 # Evaluations for whose chain a search is made then, and this part of few solves, of
 # which it has half.
@@ -199,19 +190,11 @@ def run(
         "seed": seed,
         "starts": points,
     }
-    backends = check_backends(None if in_file else backend, ensembles)
+    file, chains_in = (backend, None) if in_file else (None, backend)
+    backends = check_backends(chains_in, ensembles)
+    how = workers, pool, on_failure, max_failures, file, resume, probe_tolerance
     # 2. Open workers and file, and solve once.
-    with open_evaluator(
-        posterior,
-        asked,
-        workers=workers,
-        pool=pool,
-        on_failure=on_failure,
-        max_failures=max_failures,
-        backend=backend if in_file else None,
-        resume=resume,
-        probe_tolerance=probe_tolerance,
-    ) as evaluator:
+    with open_evaluator(posterior, asked, *how) as evaluator:
         store = evaluator.store if isinstance(evaluator, StoredEvaluation) else None
         seconds, doubts = check_first_solve(evaluator)
         shape = nwalkers, ensembles, seed
@@ -265,15 +248,15 @@ def run(
         together &= evaluator.pool is not None and evaluator.pool.takes_turns
         doubted = store is not None and any(foreign_moves(weighted))
         fresh = weighted if doubted else None
-        turns = parts if together else None
+        walk = partial(sample_steps, samplers, thin_by, fresh, together)
         try:
             if steps is None:
                 stopped = sample_until(
-                    record, states, parts, ess, solves, thin_by, progress, fresh, turns
+                    record, states, ess, solves, each, progress, walk
                 )
             else:
                 bar = progress_bar(progress, steps * ensembles, "sampling")
-                sample_steps(samplers, states, steps, thin_by, bar, fresh, turns)
+                walk(states, steps, bar)
                 stopped = STOPPED_BY_STEPS
         except BaseException as error:  # also of the keyboard: nothing is lost
             error.run = record  # type: ignore[attr-defined]
@@ -352,14 +335,13 @@ def _open_chains(
     for ensemble, (part, moves) in enumerate(zip(parts, own, strict=True)):
         start = None if ensemble + 1 in lengths else states[ensemble]
         chains.append(StoredChain(store, ensemble, start, part, moves))
+        part.restore(chains[-1].last.counts)
     longest = max(chain.iteration for chain in chains)
     if steps is not None and longest > steps:
         raise ValueError(
             f"steps: expected at least the {longest} steps that {store.path} holds "
             f"already, got {steps}"
         )
-    for part, chain in zip(parts, chains, strict=True):
-        part.restore(chain.last.counts)
     # What was evaluated of a step that was not stored is evaluated again.
     solver.restore(store.spent())
     return chains

@@ -52,7 +52,7 @@ class Search:
     Attributes:
         draws: All points, weighted.
         theta: All points ``(n, d)``.
-        rows: Their log-posteriors and log-priors, ``(n, 2)``.
+        heights: Their log-posteriors, ``(n,)``.
         owner: The ensemble of each point, ``(n,)``.
         maxima: Of all climbs, distinct.
         found_by: The climbs of each ensemble that ended there, by maximum.
@@ -66,7 +66,7 @@ class Search:
     ) -> None:
         self.evaluator, self.streams = evaluator, streams
         self.theta = np.empty((0, evaluator.posterior.ndim))
-        self.rows, self.owner = np.empty((0, 2)), np.empty(0, dtype=np.intp)
+        self.heights, self.owner = np.empty(0), np.empty(0, dtype=np.intp)
         self.maxima: list[Maximum] = []
         self.found_by: list[list[int]] = []
         self.climbs = self.from_prior = 0
@@ -95,14 +95,14 @@ class Search:
         self.draws = Draws(theta, rows)
         if starts is not None:
             self._evaluate(starts)
-        if not np.isfinite(self.rows[:, 0]).any():
+        if not np.isfinite(self.heights).any():
             raise ValueError(
                 f"posterior: it is zero at all of {len(theta)} draws of the prior; "
                 "widen the errors, or narrow the prior to where it can be solved (for "
                 "solves that fail, on_failure='raise' tells why)"
             )
         members = [np.flatnonzero(self.owner == i) for i in range(len(self.streams))]
-        self._climb([int(some[np.argmax(self.rows[some, 0])]) for some in members])
+        self._climb([int(some[np.argmax(self.heights[some])]) for some in members])
         if not self.maxima:
             raise ValueError(
                 "moves: 'auto' could not climb to any maximum: solves or "
@@ -135,7 +135,7 @@ class Search:
         rows = self.evaluator.rows(theta)
         owner = np.repeat(np.arange(len(points)), [len(part) for part in points])
         self.theta = np.vstack([self.theta, theta])
-        self.rows = np.vstack([self.rows, rows[:, :2]])
+        self.heights = np.append(self.heights, rows[:, 0])
         self.owner = np.append(self.owner, owner)
         return theta, rows
 
@@ -181,7 +181,7 @@ class Search:
                 left -= len(waiting)
                 tested[waiting] = True
                 waiting = self._find_valleys(waiting)
-            waiting.sort(key=lambda i: self.rows[i, 0])
+            waiting.sort(key=lambda i: self.heights[i])
 
     def _climb_from_prior(self, draws: int, budget: float) -> None:
         """Climb from draws of the prior while they are cheap: many, at once."""
@@ -190,7 +190,7 @@ class Search:
             if self.evaluator.solves > min(self.most, spent + budget):
                 return
             numbers = range(first, min(first + CLIMBED_AT_ONCE, draws))
-            finite = [i for i in numbers if np.isfinite(self.rows[i, 0])]
+            finite = [i for i in numbers if np.isfinite(self.heights[i])]
             if finite:
                 self._climb(finite)
                 self.from_prior += len(finite)
@@ -199,22 +199,21 @@ class Search:
         """Return the log-densities beyond those of Gaussians at the modes."""
         total = logsumexp([maximum.log_evidence for maximum in self.maxima])
         gaussians = replace(self.mixture(), df=GAUSSIAN)
-        excess: Floats = self.rows[:, 0] - total - gaussians.log_density(self.theta)
-        return excess
+        explained = gaussians.log_density(self.theta)
+        return np.asarray(self.heights - total - explained)
 
     def _choose(self, excess: Floats, tested: NDArray[np.bool_]) -> list[int]:
         """Return untested points that the modes explain least, by ensembles in turn.
 
         Each round begins at another ensemble, for only the first points may be taken.
         """
-        heights = self.rows[:, 0]
-        possible = np.isfinite(heights) & (excess > UNEXPLAINED) & ~tested
+        possible = np.isfinite(self.heights) & (excess > UNEXPLAINED) & ~tested
         queues: list[list[int]] = []
         for ensemble in range(len(self.streams)):
             eligible = possible & (self.owner == ensemble)
             ranks = [
                 np.where(eligible, values, -np.inf).argsort()[: -TESTED // 2 - 1 : -1]
-                for values in (excess, heights)
+                for values in (excess, self.heights)
             ]
             both = np.column_stack(ranks).ravel()  # in turn
             queues.append([i for i in dict.fromkeys(both.tolist()) if eligible[i]])
@@ -233,7 +232,7 @@ class Search:
         rows = self.evaluator.rows(ways.reshape(-1, theta.shape[1]))
         lowest = rows[:, 0].reshape(len(numbers), -1).min(axis=1)
         pairs = zip(numbers, lowest, strict=True)
-        return [i for i, low in pairs if low < self.rows[i, 0] - VALLEY]
+        return [i for i, low in pairs if low < self.heights[i] - VALLEY]
 
     def _add(self, maximum: Maximum, ensemble: int) -> bool:
         """Take in the end of a climb; return whether it is a new mode."""

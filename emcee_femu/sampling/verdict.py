@@ -13,8 +13,8 @@ from ..contracts import Floats
 from ..table import Parts, Report, Table
 from .importance import FAIR_SHARE, GOOD_K
 from .judge import (
+    FEWEST_STEPS,
     ModeWeights,
-    check_length,
     effective_sizes,
     excess_scatter,
     mean_sizes,
@@ -215,7 +215,7 @@ class Diagnosis(Report):
                 f"{self.acceptance.min():.2f} to {self.acceptance.max():.2f}), "
                 f"{len(self.stuck)} stuck walkers."
             )
-        if ended := ENDED[self.stopped]:
+        if ended := ENDED.get(self.stopped):
             yield f"The run ended when {ended}."
         if self.failures:
             yield f"Failed solves, counted as zero probability: {dict(self.failures)}."
@@ -223,10 +223,17 @@ class Diagnosis(Report):
 
 
 def measure(chains: Chains) -> Diagnosis:
-    """Return the numbers of chains, not judged."""
+    """Return the numbers of chains, not judged.
+
+    Raises:
+        ValueError: If there are too few steps.
+    """
     draws = chains.draws
     steps, n_ensembles, n_walkers, ndim = draws.shape
-    check_length(draws)
+    if steps < FEWEST_STEPS:
+        raise ValueError(
+            f"discard: expected at least {FEWEST_STEPS} steps to judge, left {steps}"
+        )
     moved = (draws != draws[0]).any(axis=0).all(axis=2)  # (ensembles, walkers)
     by_ensemble = draws.transpose(1, 2, 0, 3)  # (ensembles, walkers, steps, d)
     squares = (draws - draws.mean(axis=(0, 1, 2))) ** 2
@@ -297,9 +304,8 @@ def judge_chains(diagnosis: Diagnosis, starts_given: bool, discard: int) -> Stat
         reasons = tuple(reason for reason, *_ in complaints)
         return Statement(NOT_CONVERGED, short, sentence, reasons)
     count, status, short = len(diagnosis.tau), CONVERGED, CONVERGED
-    words = f"{status}: {count} ensembles agree"
-    if count > 1:
-        words += f" (R-hat at most {diagnosis.rhat_between.max():.3f})"
+    most = diagnosis.rhat_between.max()
+    words = f"{status}: {count} ensembles agree (R-hat at most {most:.3f})"
     if starts_given or count == 1:
         status, short = MIXED, "starts given" if count > 1 else "one ensemble"
         cure = "leave starts out" if count > 1 else diagnosis.cures.ensembles

@@ -9,6 +9,7 @@ from collections import Counter
 from os import PathLike
 
 import numpy as np
+from scipy.special import softmax
 
 from ... import checks
 from ...evaluation.evaluator import Evaluation
@@ -19,7 +20,7 @@ from ...results.arviz_objects import InferenceData, dataset, samples
 from ...results.diagnose import diagnose
 from ...results.to_arviz import check_sampled, read_samples
 from ...sampling.climbing import Maximum, climb
-from ...sampling.importance import GOOD_K, kish_share, normalise, smooth_tail
+from ...sampling.importance import GOOD_K, kish_share, smooth_tail
 from ...sampling.judge import FEWEST_STEPS
 from ...sampling.verdict import (
     NOT_CONVERGED,
@@ -183,7 +184,7 @@ def certify(
     weights, moments = np.zeros(n), np.full((5, len(chain.names)), np.nan)
     possible = bool(counted.max() > -np.inf)
     if possible:
-        weights = normalise(counted)
+        weights = softmax(counted)
         moments = correct_moments(chain, theta, counts / counts.sum(), weights)
     if (failed := evaluator.failed - climbed) > max_failures * n:
         faults.append(f"{failed} of {n} draws could not be solved")

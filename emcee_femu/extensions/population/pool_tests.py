@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special, stats
 
 from ... import checks
 from ...contracts import Floats, Reported
@@ -14,7 +14,7 @@ from ...results.arviz_objects import InferenceData, samples, unit_of
 from ...results.diagnose import diagnose
 from ...results.tables import INTERVAL
 from ...results.to_arviz import to_inference_data
-from ...sampling.importance import GOOD_K, kish_share, normalise, pareto_k
+from ...sampling.importance import GOOD_K, kish_share, pareto_k
 from ...sampling.record import Run
 from ...sampling.run import run
 from ...table import Column, Parts, Report, Table
@@ -373,7 +373,7 @@ def _pool(
     blocks = np.random.default_rng(seed)  # theta is drawn as it was without them
     pairs = zip(tests.values(), model.log_weights(hyperdraws), strict=True)
     for t, (test, log_weights) in enumerate(pairs):
-        weights = np.array([normalise(row) for row in log_weights])
+        weights = np.array([special.softmax(row) for row in log_weights])
         cumulative = weights.cumsum(axis=1)
         level = rng.random((POPULATION_DRAWS, 1)) * cumulative[:, -1:]
         theta[:, t] = test.theta[(cumulative < level).sum(axis=1)]
@@ -386,7 +386,7 @@ def _pool(
         counts = blocks.multinomial(BLOCKS, np.full(BLOCKS, 1 / BLOCKS), RESAMPLED)
         sums = np.add.reduceat(weights, starts, axis=1) @ counts.T
         resampled += np.log(np.maximum(sums, LEAST_DENSITY))
-    again = [_moments(chosen, normalise(column)) for column in resampled.T]
+    again = [_moments(chosen, special.softmax(column)) for column in resampled.T]
     return PooledTests(
         population=population,
         model=model,
