@@ -65,8 +65,8 @@ def test_mass_spring_agrees_with_importance_sampling():
     lobe = pilot[pilot[:, 2] < 1_980]  # a second mode of 3 % of the mass
     mean, sd, kish = importance_moments(posterior, [pilot, lobe], 60_000, seed=3)
     assert kish > 6_000
-    ensembles = ef.run(posterior, seed=2026, ensembles=8)
-    z = (np.stack([s.get_chain(discard=100, flat=True) for s in ensembles]) - mean) / sd
+    ensembles = ef.run(posterior, seed=2026, ess=5_000, ensembles=8)
+    z = (np.stack([s.get_chain(flat=True) for s in ensembles]) - mean) / sd
     for power, exact in ((1, 0.0), (2, 1.0)):
         each = (z**power).mean(axis=1)  # (ensembles, d)
         error = np.hypot(each.std(axis=0, ddof=1) / np.sqrt(8), 4 / np.sqrt(kish))
