@@ -210,10 +210,13 @@ def extend(
     return cover(add_components(uncover(mixture), added))
 
 
-def carry(draws: Draws, mixture: Mixture, size: int, propose: Propose) -> Mixture:
-    """Return a proposal with components where few draws carry a variance."""
+def carry(
+    draws: Draws, mixture: Mixture, size: int, propose: Propose, heavy: float
+) -> Mixture:
+    """Return a proposal with components, so heavy, where few draws carry a variance."""
+    weight = heavy * CARRIER_WEIGHT
     for _ in range(CARRYING_ROUNDS):
-        carriers = list(_carriers(draws, mixture))
+        carriers = [(weight, *place) for place in _carriers(draws, mixture)]
         if not carriers:
             break
         number = round(CARRYING_SHARE * size)
@@ -221,8 +224,8 @@ def carry(draws: Draws, mixture: Mixture, size: int, propose: Propose) -> Mixtur
     return mixture
 
 
-def _carriers(draws: Draws, mixture: Mixture) -> Iterator[Component]:
-    """Yield a component for draws that carry the variance of a parameter."""
+def _carriers(draws: Draws, mixture: Mixture) -> Iterator[tuple[Floats, Floats]]:
+    """Yield mean and matrix of draws that carry the variance of a parameter."""
     x, shares = draws.x, draws.shares
     if len(x) <= TERMS:
         return
@@ -241,7 +244,7 @@ def _carriers(draws: Draws, mixture: Mixture) -> Iterator[Component]:
         centred = x - mean
         matrix = (part * centred.T) @ centred
         matrix += CARRIER_RIDGE * mixture.matrices[nearest]
-        yield CARRIER_WEIGHT, mean, matrix
+        yield mean, matrix
 
 
 def cover(mixture: Mixture) -> Mixture:
