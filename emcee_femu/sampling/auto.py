@@ -38,8 +38,9 @@ LAST_ROUND = 6  # times a round's draws, that the last round of a refinement may
 REFINED = 1_500  # draws for a refinement, or half as many as the chain has
 BENT = 0.5  # effective share of a mixture below which polynomials may do better
 MOST_QUADRATIC = 30  # parameters of which there are quadratic ones
-# Times their weight, that components for tails and carriers have then: polynomials are
-# fitted to draws of all. (Of 14 buildings of ten storeys 10 converged without, 13 so.)
+# Factor of the weights of components for tails and carriers where a mixture is that
+# poor: polynomials are learned from draws of it, which must reach the ends of a ridge.
+# (Of 14 buildings of ten storeys 13 converged; without it 10.)
 WEIGHED_WHERE_BENT = 2.0
 SCREENED, MOST_SCREENED = 10, 100  # proposals that polynomials accept, and see
 POPULATION, POPULATION_DF = 1_000, 5.0  # members of all ensembles

@@ -48,7 +48,9 @@ print(search.found_by)  # one row per ensemble
 # The proposal has a Student-t component for each maximum. "auto" draws from it and fits
 # it again to all draws so far by their importance weights. It stops when these are
 # nearly equal or no longer improve, after 12 rounds at most. Two wide components for
-# gaps and tails have a tenth of the weight.
+# gaps and tails have a tenth of the weight. Then each tail is followed outwards, by
+# climbs within slabs, until nothing there matters to a variance; slabs that draws have
+# hardly seen get components, and so do places where ten draws hold much of a variance.
 #
 # If no such proposal is good (Pareto k above 0.7, less than half efficient), it is
 # refined again: without the wide components, or, if fewer than 0.2 of its proposals
@@ -128,7 +130,8 @@ idata = ef.to_inference_data(run)  # no discard
 # targets with known answers, and of a seventh for the numbers of auto.py and
 # response_surface.py; the head of the script describes them. Solves are relative to
 # those of today, as a geometric mean. "Conv." and "wrong" count the runs that converged
-# and those that are wrong. (Measured on 2026-11-28.)
+# and those that are wrong. (Measured on 2026-11-28, before `WEIGHED_WHERE_BENT`, which
+# the bent ridge of four storeys reads.)
 #
 # | | value | halved: solves | conv. | wrong | doubled: solves | conv. | wrong |
 # |---|---|---|---|---|---|---|---|

@@ -131,10 +131,11 @@ figure
 # emcee's estimate of $\tau$ is too small in a short chain, because each walker is
 # centred on its own mean: at $25 \tau$ by 30 %, at $50 \tau$ by 17 %. Here the largest
 # of all ensembles and parameters decides. Of four ensembles and five parameters it is
-# right within a few percent at $25 \tau$ (`tests/results/test_diagnostics.py` holds it to
-# 10 %), and a tenth too large at $50 \tau$. With a single ensemble nothing makes up for
-# it, and the status is at most "well mixed". Errors of means and of standard deviations
-# are from the ESS of all ensembles, which does not depend on this $\tau$.
+# 4 % too small at $25 \tau$, and 10 % too large at $50 \tau$; with one parameter it is
+# 16 % too small at $25 \tau$. With a single ensemble nothing makes up for it, and the
+# status is at most "well mixed". Errors of means and of standard deviations are from
+# the ESS of all ensembles, which does not depend on this $\tau$.
+# `tests/results/test_diagnostics.py` holds these numbers.
 #
 #
 # ## What "auto" adds
