@@ -18,9 +18,10 @@ Modrak et al. (2023), arXiv:2211.02383, on the log-likelihood as a test quantity
 import numpy as np
 import pytest
 from scipy import stats
-from support.runs import shorten_search
+from support.runs import leave_out, shorten_search
 
 import emcee_femu as ef
+from emcee_femu.sampling import auto
 
 WALKERS, PILOT, APART = 32, 120, 50
 DRAWS = WALKERS - 1
@@ -163,7 +164,7 @@ def test_the_truth_ranks_uniformly_but_not_by_a_wrong_likelihood(beta, seed, sou
 def test_the_truth_ranks_uniformly_among_the_draws_of_auto(monkeypatch):
     """The law for "auto"; climbs in tails only mend its proposal, and are left out."""
     shorten_search(monkeypatch)
-    monkeypatch.setattr("emcee_femu.sampling.auto.TAIL_ROUNDS", 0)
+    leave_out(monkeypatch, auto.follow_tails)
     assert largest(auto_ranks(bent, 60, 21)) < LIMIT
     name = "emcee_femu.sampling.record.IndependenceMove"
     monkeypatch.setattr(name, WithoutProposalDensity)

@@ -24,6 +24,7 @@ from emcee.pbar import get_progress_bar
 
 from .. import checks
 from ..contracts import Floats, Move
+from ..posterior.log_posterior import LOG_POSTERIOR
 from .evaluator import Bar, Evaluation
 from .pools import EvaluationPool, Function
 
@@ -32,6 +33,15 @@ PACKAGE = __name__.partition(".")[0]
 
 Weighted: TypeAlias = Sequence[tuple[Move, float]]
 Found: TypeAlias = tuple[Floats, Floats]  # points (n, d), and their rows
+
+
+def start_state(
+    theta: Floats, rows: Floats, seed: np.random.SeedSequence
+) -> emcee.State:
+    """Return emcee's state of evaluated walkers, with a random stream of that seed."""
+    random = np.random.RandomState(np.random.MT19937(seed)).get_state()
+    log_p, blobs = rows[:, LOG_POSTERIOR], np.delete(rows, LOG_POSTERIOR, axis=1)
+    return emcee.State(theta, log_p, blobs, random)
 
 
 class Sampler(emcee.EnsembleSampler):

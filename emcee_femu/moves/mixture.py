@@ -6,6 +6,7 @@ from typing import Literal, Self
 
 import numpy as np
 from numpy.random import Generator, RandomState
+from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 from scipy.special import gammaln
 
@@ -75,6 +76,16 @@ class Mixture:
         heights += gammaln((df + d) / 2) - gammaln(df / 2)
         heights -= 0.5 * d * np.log(df * np.pi)
         return heights
+
+    def given(self, kept: NDArray[np.bool_]) -> Self:
+        """Return the law of a draw that is of one of some components, ``(k,)``."""
+        weights = self.weights[kept]
+        return replace(
+            self,
+            weights=weights / weights.sum(),
+            means=self.means[kept],
+            matrices=self.matrices[kept],
+        )
 
     def squared_distances(self, x: Floats) -> Floats:
         """Return the squared Mahalanobis distance ``(n, k)`` of each x ``(n, d)``."""
@@ -167,7 +178,11 @@ class Mixture:
 
     @classmethod
     def fit(
-        cls, draws: Floats, components: int | Literal["auto"] = "auto", df: float = 8.0
+        cls,
+        draws: Floats,
+        components: int | Literal["auto"] = "auto",
+        df: float = 8.0,
+        covered: bool = True,
     ) -> Self:
         """Return a mixture fitted to draws of equal weight.
 
@@ -179,6 +194,7 @@ class Mixture:
             components: How many, or "auto" for the number from 1 to 6 that the Bayesian
                 information criterion prefers.
             df: Degrees of freedom of every component.
+            covered: Whether there is a component for gaps.
 
         Raises:
             ValueError: If there are too few draws, they lie in a subspace, or no fit of
@@ -211,7 +227,11 @@ class Mixture:
             weights = np.append((1 - COVER_WEIGHT) * weights, COVER_WEIGHT)
             means = np.vstack([means, whole[0].means])
             matrices = np.concatenate([matrices, whole[0].matrices])
-        return cls(weights, centre + means @ factor.T, factor @ matrices @ factor.T, df)
+        means, matrices = centre + means @ factor.T, factor @ matrices @ factor.T
+        fitted = cls(weights, means, matrices, df)
+        if covered:
+            return fitted
+        return fitted.given(np.arange(len(weights)) < len(best.weights))
 
 
 def _fit_white(x: Floats, count: int, df: float) -> tuple[Mixture, float] | None:

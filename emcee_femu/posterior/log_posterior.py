@@ -29,6 +29,10 @@ from .priors import IndependentPrior, prior_centre, prior_scale, tabulate_prior
 Units: TypeAlias = Mapping[str, str] | None  # by the names of parameters
 TRIED_DRAWS = 256  # of the prior, of which one must be possible to know the blobs
 
+# The columns that begin each row, whatever the terms.
+LOG_POSTERIOR = 0
+LOG_PRIOR = 1
+
 # What is evaluated at a point, side by side in one row that a pool or a file can hold:
 # its row; with the gradient behind it; with the information behind that; or the row
 # with the deviations of Gaussian terms and their standard deviations behind it.

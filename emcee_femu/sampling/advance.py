@@ -11,15 +11,13 @@ from ..evaluation.evaluator import Bar, Evaluation
 from ..evaluation.samplers import Sampler, Weighted, caption, progress_bar, take_turns
 from ..moves.proposing import ladder_of
 from .record import STOPPED_BY_SOLVES, STOPPED_BY_VERDICT, Run, read_backends
+from .settings import SETTINGS
 from .verdict import NOT_CONVERGED, judge_chains, measure
 
 # Without steps= the verdict is asked first at so many steps, a little more than the 25
 # that tau takes, then each time at a seventh more: few looks, and little too much.
 FIRST_LOOK, LOOK_FURTHER = 30, 1.15
 FIRST_STEPS = 4  # by which it is known what a step costs
-# Relative error of a standard deviation: less than in a verdict that is asked once, so
-# that one in fifty of those that end there is more than 12 % off.
-SD_AT_END = 0.05
 
 
 def sample_until(
@@ -89,7 +87,7 @@ def _ask(record: Run, ess: float) -> tuple[bool, str]:
     chain = judge_chains(diagnosis, record.starts_given, 0)
     least = np.nan_to_num([diagnosis.ess_bulk, diagnosis.ess_tail]).min()
     known = chain.status != NOT_CONVERGED and least >= ess
-    known &= not (diagnosis.sd_error > SD_AT_END).any()
+    known &= not (diagnosis.sd_error > SETTINGS.sd_at_end).any()
     return known, f"sampling, ESS {least:,.0f} of {ess:,.0f}, {chain.short}"
 
 

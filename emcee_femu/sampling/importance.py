@@ -91,6 +91,18 @@ def kish_share(log_weights: Floats) -> float:
     return float(weights.sum() ** 2 / (len(weights) * (weights**2).sum()))
 
 
+def are_reliable(k: float, share: float) -> bool:
+    """Return whether means over importance weights can be believed.
+
+    The weights may have a heavy tail, as long as they are nearly equal otherwise.
+
+    Args:
+        k: Their Pareto k.
+        share: Their effective share.
+    """
+    return not (k > GOOD_K and share < FAIR_SHARE)
+
+
 def find_acceptance(log_p: Floats, log_c: Floats, log_q: Floats) -> float:
     r"""Return the acceptance of independent draws of c, in equilibrium with p.
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Self, TypeAlias, overload
+from typing import Any, Self, overload
 
 import emcee
 import numpy as np
 from emcee.backends import Backend
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 from scipy.special import softmax
 
 from ..contracts import Floats, Move, Prior
@@ -24,11 +23,9 @@ from ..moves.independence import IndependenceMove
 from ..moves.mixture import Mixture
 from ..posterior.log_posterior import LogPosterior
 from ..table import Column, Parts, Report, Table, unit_column
-from .proposals import COVERS
+from .proposal import Labels, assign
 from .response_surface import ResponseSurface
 
-MODES_APART = 10.0  # squared distance of the centres, by the sum of the matrices
-NO_MODE = -1  # the mode of components that cover the others and belong to none
 JUMPS = 0.1  # of the DE-MC steps have gamma = 1
 HAMILTONIAN = 0.8  # of the moves where gradients do better
 STOPPED_BY_VERDICT, STOPPED_BY_SOLVES, STOPPED_BY_STEPS = "converged", "solves", "steps"
@@ -37,7 +34,6 @@ ENDED = {
     STOPPED_BY_VERDICT: "it had converged",
     STOPPED_BY_SOLVES: "its solves were spent; resume=True with more goes on",
 }
-Labels: TypeAlias = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -284,6 +280,7 @@ class SearchRecord(Report):
         followed: By experiment, the number that each mode of the structure at the prior
             mean has at the maxima, ``(g, p)``; 0 where it lost its shape.
         kurtosis: Of each parameter, by the weighted draws, ``(d,)``; 0 if unknown.
+        spent: Solves by stage of the search, those before it first; empty if unknown.
     """
 
     mixture: Mixture
@@ -306,6 +303,19 @@ class SearchRecord(Report):
     from_prior: int = 0
     followed: Mapping[str, Any] = field(default_factory=dict)
     kurtosis: Floats | float = 0.0
+    spent: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def table(self) -> Table:
+        """Solves by stage of the search."""
+        stages = [(name, count) for name, count in self.spent.items() if count]
+        names, counts = zip(*stages, strict=True) if stages else ((), ())
+        columns: list[Column] = [
+            ("stage", "", [name.replace("_", " ") for name in names]),
+            ("solves", ",d", counts),
+            ("share %", ".0f", [100 * count / self.solves for count in counts]),
+        ]
+        return Table.from_columns("Solves of the search", columns)
 
     @property
     def followed_in(self) -> int:
@@ -355,11 +365,13 @@ class SearchRecord(Report):
         )
 
     def _parts(self) -> Parts:
-        return (self.sentence,)
+        yield self.sentence
+        if self.spent:
+            yield self.table
 
     def label(self, theta: Floats) -> Labels:
         """Return the mode of each point ``(n,)``."""
-        return label(theta, self.mixture, self.mode_of)
+        return assign(theta, self.mixture, self.mode_of)
 
     def to_json(self) -> dict[str, Any]:
         """Return the record as JSON types."""
@@ -415,27 +427,6 @@ def read_backends(
         gather("blobs") if blobs and backends[0].has_blobs() else None,
         betas=betas,
     )
-
-
-def separate(mixture: Mixture) -> Labels:
-    """Return the mode of each component ``(k,)``; those that overlap share one.
-
-    The last components cover the others and belong to none.
-    """
-    k = len(mixture.weights) - len(COVERS)
-    apart = mixture.means[:k, None] - mixture.means[:k]
-    sums = mixture.matrices[:k, None] + mixture.matrices[:k]
-    solved = np.linalg.solve(sums, apart[..., None])[..., 0]
-    distances = np.einsum("ijd,ijd->ij", apart, solved)
-    modes = connected_components(distances < MODES_APART, directed=False)[1]
-    return np.append(modes, [NO_MODE] * len(COVERS)).astype(np.intp)
-
-
-def label(theta: Floats, mixture: Mixture, mode_of: Labels) -> Labels:
-    """Return the mode of each point ``(n,)``: that of its likeliest component."""
-    owners = np.flatnonzero(mode_of != NO_MODE)
-    likeliest = np.argmax(mixture.log_parts(theta)[:, owners], axis=1)
-    return np.asarray(mode_of[owners][likeliest])
 
 
 def weigh(labels: Labels, log_weights: Floats, count: int) -> tuple[Floats, Floats]:

@@ -20,30 +20,48 @@ from ..evaluation.evaluator import Evaluation
 from ..likelihoods.term import log_normal
 from ..moves import DEMCMove, IndependenceMove
 from ..moves.mixture import Mixture
+from ..posterior.log_posterior import LOG_POSTERIOR, LOG_PRIOR
 from .coordinates import Coordinates
 from .importance import resample
-from .proposals import cover, uncover
+from .proposal import Proposal
 
-MOST_TERMS, DEGREES = 500, range(1, 5)  # of polynomials: cubic for 9 to 12 parameters
-SOLVES_PER_TERM = 2  # solves of the first fit
-MOST_FIRST_DRAWS = 5  # times so many draws, if most are out of bounds or fail
-SURFACE_ROUNDS, SURFACE_SOLVES = 5, 600  # fits after it, and solves for each
-# Solves at most.
-LEARNED = SOLVES_PER_TERM * MOST_TERMS + SURFACE_ROUNDS * SURFACE_SOLVES
-CHEAP = 8_000  # draws of a mixture from which walkers on a surface start
-# Steps before the first kept, between them, how many.
-SURFACE_STEPS, SURFACE_THIN, SURFACE_KEPT = 60, 20, 10
-INDEPENDENT = 0.3  # share of independent proposals among these steps
-# Of walkers on a surface, and the shares of draws of each in a proposal: hot ones see
-# tails that draws of the posterior hardly meet, and where a walker would stay long.
-SURFACE_TEMPERATURES, TEMPERATURE_SHARES = (1.0, 2.0, 4.0), (0.5, 0.3, 0.2)
-FITS, DF = 2, 5.0  # of the mixture, degrees of freedom of its components
+# Terms of a polynomial at most, and its degrees: cubic for 9 to 12 parameters.
+MOST_TERMS = 500
+DEGREES = range(1, 5)
+# Solves of the first fit, by the terms of a polynomial.
+SOLVES_PER_TERM = 2
+# How often so many are drawn at most, if they are out of bounds or fail.
+MOST_FIRST_DRAWS = 5
+# Fits after the first one, and the solves for each.
+SURFACE_ROUNDS = 5
+SURFACE_SOLVES = 600
+# Solves that a surface takes at most.
+SURFACE_COST = SOLVES_PER_TERM * MOST_TERMS + SURFACE_ROUNDS * SURFACE_SOLVES
+# Draws of a mixture from which walkers on a surface start.
+CHEAP = 8_000
+# Steps of these walkers before the first one that is kept, steps between those that are
+# kept, and how many are kept.
+SURFACE_STEPS = 60
+SURFACE_THIN = 20
+SURFACE_KEPT = 10
+# Share of independent proposals among these steps.
+INDEPENDENT = 0.3
+# Temperatures of walkers on a surface, and the share of each in the proposal. Hot ones
+# see tails that draws of the posterior hardly meet, where a walker would stay long.
+SURFACE_TEMPERATURES = (1.0, 2.0, 4.0)
+TEMPERATURE_SHARES = (0.5, 0.3, 0.2)
+# Times that a mixture is fitted to draws of a surface, each from the one before.
+FITS = 2
+# Degrees of freedom of its components.
+DF = 5.0
 # Log-density per parameter below the largest, from where points weigh less.
 WEIGHED_LEVEL = 2.0
+# Weight of a point at least.
 LEAST_WEIGHT = 1e-4
-# By which coefficients are drawn to zero, relative to one point.
+# Ridge that draws coefficients to zero, relative to one point.
 COEFFICIENT_RIDGE = 1e-6
-NO_SENSE = -1e100  # log-density where the polynomials make no sense any more
+# Log-density where the polynomials make no sense any more.
+NO_SENSE = -1e100
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -127,8 +145,9 @@ def fit_surface(
     possible = np.isfinite(solved).all(axis=1)
     theta, solved = theta[possible], solved[possible]
     d = theta.shape[1]
-    log_p, log_prior = solved[:, :2].T
-    r, sd = np.split(solved[:, 2:], 2, axis=1)
+    log_p, log_prior = solved[:, LOG_POSTERIOR], solved[:, LOG_PRIOR]
+    both = np.delete(solved, [LOG_POSTERIOR, LOG_PRIOR], axis=1)
+    r, sd = np.split(both, 2, axis=1)
     rest = log_p - log_prior - log_normal(r, sd).sum(axis=1)
     targets = np.column_stack([r, np.log(sd), rest])
     units = np.column_stack([sd, np.ones_like(sd), np.ones_like(rest)])
@@ -155,72 +174,84 @@ def fit_surface(
 
 
 def learn_surface(
-    evaluator: Evaluation, mixture: Mixture, rng: np.random.Generator
-) -> tuple[ResponseSurface, Mixture] | None:
+    evaluator: Evaluation, law: Mixture, rng: np.random.Generator
+) -> tuple[ResponseSurface, Proposal] | None:
     """Return a surface that is refined where its own draws are, and what proposes.
 
     Args:
         evaluator: What evaluates.
-        mixture: A proposal from which draws begin.
+        law: A proposal from which draws begin.
         rng: The random stream.
 
     Returns:
-        The surface, and a mixture that fits draws of it, with covering components;
-        None where walkers on it are no sample.
+        The surface, and a proposal that fits draws of it; None where walkers on it are
+        no sample.
     """
-    posterior = evaluator.posterior
-    d, prior, width = posterior.ndim, posterior.prior, posterior.row_size
+    d, prior = evaluator.posterior.ndim, evaluator.posterior.prior
     degree = max(k for k in DEGREES if comb(d + k, k) <= MOST_TERMS)
-
-    def solve(theta: Floats) -> Floats:
-        stacked = evaluator.stack(theta, "deviations")
-        return np.hstack([stacked[:, :2], stacked[:, width:]])
-
-    terms = comb(d + degree, degree)
-    points: list[Floats] = []
-    values: list[Floats] = []
-    for _ in range(MOST_FIRST_DRAWS):
-        drawn = mixture.draw(rng, SOLVES_PER_TERM * terms)
-        points.append(drawn[np.isfinite(prior.logpdf(drawn))])
-        values.append(solve(points[-1]))
-        theta, solved = np.vstack(points), np.vstack(values)
-        if np.isfinite(solved).all(axis=1).sum() > terms:
-            break
-    else:  # polynomials through every point say nothing of their error
+    if (first := _solve_first(evaluator, law, rng, comb(d + degree, degree))) is None:
         return None
+    theta, solved = first
     for _ in range(SURFACE_ROUNDS):
         surface = fit_surface(prior, theta, solved, degree)
-        walkers = _walk(surface, mixture, rng, 1)
-        theta = np.vstack([theta, *walkers])
-        solved = np.vstack([solved, solve(np.vstack(walkers))])
+        new = np.vstack(_walk(surface, law, rng, 1))
+        theta = np.vstack([theta, new])
+        solved = np.vstack([solved, _solve(evaluator, new)])
     surface = fit_surface(prior, theta, solved, degree)
     for _ in range(FITS):
-        walked = _walk(surface, mixture, rng, SURFACE_KEPT)
+        walked = _walk(surface, law, rng, SURFACE_KEPT)
         try:
-            fits = [Mixture.fit(x, "auto", DF) for x in walked]
+            # A fit's own wide component would join separate maxima.
+            fits = [Mixture.fit(x, "auto", DF, covered=False) for x in walked]
         except ValueError:  # nearly all walkers are at one place, or far from any solve
             return None
-        # Without their own wide components, which would join separate modes.
-        fits = [uncover(fit, 1) if len(fit.weights) > 1 else fit for fit in fits]
         weights = [
             share * fit.weights
             for share, fit in zip(TEMPERATURE_SHARES, fits, strict=True)
         ]
         means = np.vstack([fit.means for fit in fits])
         matrices = np.concatenate([fit.matrices for fit in fits])
-        mixture = cover(Mixture(np.concatenate(weights), means, matrices, DF))
-    return surface, mixture
+        core = Mixture(np.concatenate(weights), means, matrices, DF)
+        proposal = Proposal.fitted(core)
+        law = proposal.law
+    return surface, proposal
+
+
+def _solve(evaluator: Evaluation, theta: Floats) -> Floats:
+    """Return log-posteriors, log-priors, deviations and standard deviations."""
+    stacked = evaluator.stack(theta, "deviations")
+    densities = stacked[:, [LOG_POSTERIOR, LOG_PRIOR]]
+    return np.hstack([densities, stacked[:, evaluator.posterior.row_size :]])
+
+
+def _solve_first(
+    evaluator: Evaluation, law: Mixture, rng: np.random.Generator, terms: int
+) -> tuple[Floats, Floats] | None:
+    """Return draws of a law and their solves: more that succeed than there are terms.
+
+    None if there are not so many: polynomials through every point say nothing of their
+    error.
+    """
+    points: list[Floats] = []
+    values: list[Floats] = []
+    for _ in range(MOST_FIRST_DRAWS):
+        drawn = law.draw(rng, SOLVES_PER_TERM * terms)
+        inside = np.isfinite(evaluator.posterior.prior.logpdf(drawn))
+        points.append(drawn[inside])
+        values.append(_solve(evaluator, points[-1]))
+        theta, solved = np.vstack(points), np.vstack(values)
+        if np.isfinite(solved).all(axis=1).sum() > terms:
+            return theta, solved
+    return None
 
 
 def _walk(
-    surface: ResponseSurface, mixture: Mixture, rng: np.random.Generator, kept: int
+    surface: ResponseSurface, law: Mixture, rng: np.random.Generator, kept: int
 ) -> list[Floats]:
     """Return draws ``(n, d)`` of a surface at each temperature, by walkers on it."""
-    x = mixture.draw(rng, CHEAP)
-    log_c, log_q = surface(x), mixture.log_density(x)
-    independent = IndependenceMove(
-        mixture.weights, mixture.means, mixture.matrices, mixture.df
-    )
+    x = law.draw(rng, CHEAP)
+    log_c, log_q = surface(x), law.log_density(x)
+    independent = IndependenceMove(law.weights, law.means, law.matrices, law.df)
     moves = [(independent, INDEPENDENT), (DEMCMove(), 1.0 - INDEPENDENT)]
     drawn = []
 

@@ -33,10 +33,10 @@ from .arguments import Moves, check_backends, check_starts, check_walkers, weigh
 from .auto import budget_of, search_and_start
 from .first_solve import check_first_solve, draw_starts, time_batch
 from .record import STOPPED_BY_STEPS, Run, SearchRecord
+from .settings import SETTINGS
 
-# Evaluations for whose chain a search is made then, and this part of few solves, of
-# which it has half.
-SIZED_FOR, SIZED_BY = 10_000, 3
+# Part of few solves for whose chain a search is made; the search has half of them.
+SIZED_BY = 3
 FEWEST_SOLVES_OF_AUTO = 10_000  # of which a search has half
 # Solves that a run takes as a rule, and seconds above which that is said before.
 USUAL_SOLVES, LONG_RUN = 20_000, 600.0
@@ -201,7 +201,7 @@ def run(
         search: SearchRecord | None = None
         each = thin_by * nwalkers * ensembles
         if steps is None:
-            evaluations = min(SIZED_FOR, solves // SIZED_BY)
+            evaluations = min(SETTINGS.sized_for, solves // SIZED_BY)
             most = min(budget_of(evaluations), solves // 2)
         else:
             evaluations = steps * each

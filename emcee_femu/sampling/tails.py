@@ -9,28 +9,69 @@ from scipy.special import expit
 
 from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
+from .archive import Archive
+from .campaign import Campaign
 from .climbing import Maximum, climb
-from .proposals import Component, Draws
+from .proposal import TAIL, Component
 
-# A tail begins at a value that so large a share of the draws pass. Its slabs are so
-# wide, in sds, and go on while they hold so much of the variance. Unless so many errors
-# are less than what the draws say of one, it is climbed.
-TAIL_SHARE, TAIL_WIDTH, TAIL_MATTERS, MOST_SLABS = 0.003, 0.8, 1e-3, 40
-WELL_SEEN = 4.5  # 20 effective draws
-# So many errors will do, 5 effective draws, where Laplace says at most so much more.
-SEEN, AGREE = 2.2, 2.0
-TAIL_PART = 0.1  # of a variance, below which a standard deviation is right to 5 %
-WIDEST = 2.0  # a component, in sds of the posterior
-# Effective draws, of fewer of which the covariance may be singular.
+# Share of the draws beyond the value at which a tail begins.
+TAIL_SHARE = 0.003
+# Width of a slab, in standard deviations of the parameter.
+TAIL_WIDTH = 0.8
+# Share of the variance below which what lies in a slab does not matter.
+TAIL_MATTERS = 1e-3
+# Slabs of a tail at most.
+MOST_SLABS = 40
+# A slab is known by its draws if they hold so many errors of their share: 20 draws.
+WELL_SEEN = 4.5
+# Five draws will do, if Laplace's approximation finds at most twice as much there.
+SEEN = 2.2
+AGREE = 2.0
+# Share of a variance, below which tails leave a standard deviation right to 5 %.
+TAIL_PART = 0.1
+# Width of a component at most, in standard deviations of the posterior.
+WIDEST = 2.0
+# Effective draws for each parameter, below which their covariance may be singular.
 DRAWS_PER_DIMENSION = 2
 # Weight of the components by the share of the variance that Laplace says. (Mass-spring,
 # whose tail is .14 of a variance and .26 to .29 by Laplace: with 1 the draws are .5
 # instead of .6 effective, and runs take 12,200 instead of 11,200 solves.)
 TAIL_WEIGHT = 0.5
-STRETCHED = 1 / 6  # of the squared way through a slab: twice the variance along it
+# Part of the squared way through a slab that is added to the matrix of its component:
+# twice the variance of points along the way.
+STRETCHED = 1 / 6
+# Rounds of climbs in the tails.
+TAIL_ROUNDS = 2
+# Slabs for which there are as many draws, of these alone, as half a round of the
+# refinement has.
+SLABS_PER_ROUND = 4
+# Solves that each round may spend, by the draws of a refinement, and at most: twice
+# what they are by default.
+TAIL_SOLVES = 0.6
+MOST_TAIL_SOLVES = 6_000
 
 
-def climb_tails(evaluator: Evaluation, draws: Draws, most: float) -> list[Component]:
+def follow_tails(campaign: Campaign) -> None:
+    """Follow the tails in rounds, and add a component for each slab that matters."""
+    c, new = campaign, campaign.tails[:]
+    for number in range(TAIL_ROUNDS + 1):
+        if new:
+            drawn = c.sizes.batch * max(1, len(new) // SLABS_PER_ROUND) // 2
+            c.extend(new, TAIL, drawn)
+        if number == TAIL_ROUNDS or (number and not new):
+            return
+        spent = c.evaluator.solves + min(
+            TAIL_SOLVES * c.sizes.refined, MOST_TAIL_SOLVES
+        )
+        most = min(c.ledger.end("judge"), spent)
+        slabs = climb_tails(c.evaluator, c.archive, most)
+        new = [slab._replace(weight=c.heavy * slab.weight) for slab in slabs]
+        c.tails.extend(new)
+
+
+def climb_tails(
+    evaluator: Evaluation, archive: Archive, most: float
+) -> list[Component]:
     """Return components for slabs that hold variance and are hardly seen by draws.
 
     From a value of a parameter that few draws pass, slabs outwards are climbed in turn,
@@ -39,25 +80,25 @@ def climb_tails(evaluator: Evaluation, draws: Draws, most: float) -> list[Compon
 
     Args:
         evaluator: What evaluates.
-        draws: Weighted draws.
+        archive: Weighted draws.
         most: Solves after which no climb begins.
     """
-    dimensions = draws.x.shape[1]
-    if draws.effective < DRAWS_PER_DIMENSION * dimensions:
+    dimensions = archive.x.shape[1]
+    if archive.effective < DRAWS_PER_DIMENSION * dimensions:
         return []
     for j in range(dimensions):
-        lower, upper = (_follow(evaluator, draws, j, side, most) for side in (0, 1))
+        lower, upper = (_follow(evaluator, archive, j, side, most) for side in (0, 1))
         if lower or upper:
             return lower + upper  # which other parameters may see too
     return []
 
 
 def _follow(
-    evaluator: Evaluation, draws: Draws, j: int, side: int, most: float
+    evaluator: Evaluation, archive: Archive, j: int, side: int, most: float
 ) -> list[Component]:
     """Return components for the lower or the upper tail of a parameter."""
     bounds, sign = evaluator.posterior.prior.bounds, 2 * side - 1
-    x, shares, found = draws.x, draws.shares, []
+    x, shares, found = archive.x, archive.shares, []
     mean, guess = shares @ x, np.atleast_2d(np.cov(x.T, aweights=shares, ddof=0))
     sd, widest = np.sqrt(guess[j, j]), WIDEST * np.sqrt(np.diag(guess))
     order = np.argsort(x[:, j])[::-sign]
@@ -73,13 +114,13 @@ def _follow(
         seen, error = shares[inside].sum(), np.sqrt((shares[inside] ** 2).sum())
         square, before = ((value - mean[j]) / sd) ** 2, way
         if seen > WELL_SEEN * error and seen * square > TAIL_MATTERS:
-            end, part = x[inside[np.argmax(draws.log_p[inside])]], seen * square
+            end, part = x[inside[np.argmax(archive.log_p[inside])]], seen * square
             way = end - place
         else:
             start = np.clip(place + way, *box.T)
             (top,) = climb(evaluator, start[None], guess, box=box, masses=True)
             # Its share of what is known then, which may be nearly all.
-            mass = float(expit(top.log_evidence - draws.log_evidence))
+            mass = float(expit(top.log_evidence - archive.log_evidence))
             part = mass * square
             end, way = top.theta, top.theta - place
             if np.isfinite(top.covariance).all():  # else there is no maximum
@@ -97,7 +138,7 @@ def _follow(
         return []
     # Alike, since a slab that is hardly met says little of what it holds.
     weight = TAIL_WEIGHT * total / len(found)
-    return [(weight, mean, matrix) for _, mean, matrix in found]
+    return [Component(weight, mean, matrix) for _, mean, matrix in found]
 
 
 def _within(

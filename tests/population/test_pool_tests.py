@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.normal_tests import as_idata, many, normal_test
+from support.runs import leave_out
 
 import emcee_femu as ef
+from emcee_femu.sampling import auto
 
 POPULATION = ef.population.NormalPopulation(["k1", "k2"])
 HEAT = np.linspace(-5, 30, 6)
@@ -25,8 +27,8 @@ def pooled():
         hyperpriors=GIVEN,
     )
     with pytest.MonkeyPatch.context() as patch:
-        for dear in ("BENT", "TAIL_ROUNDS"):  # surfaces and climbs in tails cost 8 s
-            patch.setattr(f"emcee_femu.sampling.auto.{dear}", 0)
+        # Surfaces and climbs in tails cost 8 s.
+        leave_out(patch, auto.bend, auto.follow_tails)
         found = ef.pool_tests(tests, population, seed=1, steps=120, ensembles=2)
     return found, measured
 

@@ -3,6 +3,7 @@
 import time
 import warnings
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from numpy.testing import assert_array_equal
 from support.free_posterior import box, free_posterior
 
 import emcee_femu as ef
+from emcee_femu.sampling.settings import SETTINGS
 
 OPTIONS = {"nwalkers": 8, "ensembles": 4, "seed": 1}
 
@@ -57,7 +59,8 @@ def test_it_ends_when_it_has_converged_and_is_long_enough(ended):
 
 def test_every_standard_deviation_is_known_then(ended, monkeypatch):
     errors = ef.diagnose(ended).sd_error
-    monkeypatch.setattr("emcee_femu.sampling.advance.SD_AT_END", errors.mean())
+    settings = replace(SETTINGS, sd_at_end=errors.mean())
+    monkeypatch.setattr("emcee_femu.sampling.advance.SETTINGS", settings)
     longer = run(ess=2_000)  # one was known as well before, but not both
     assert longer[0].iteration > ended[0].iteration
     assert ef.diagnose(longer).sd_error.max() <= errors.mean() < errors.max()

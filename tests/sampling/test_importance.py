@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 from scipy import stats
+from support.campaigns import by_hand
+from support.free_posterior import box, free_posterior
 
 import emcee_femu as ef
 from emcee_femu.evaluation.resume import open_evaluator
 from emcee_femu.moves.mixture import Mixture
+from emcee_femu.sampling.adapt import adapt, judge
 from emcee_femu.sampling.importance import find_acceptance, pareto_k, resample
-from emcee_femu.sampling.proposals import Draws, Trial, refine
+from emcee_femu.sampling.proposal import Proposal
 from emcee_femu.sampling.response_surface import fit_surface, learn_surface
 
 
@@ -58,25 +61,20 @@ def three_modes(x):
 def test_a_proposal_gets_what_it_lacks(log_density, d, centre, sd, least):
     """Of some two thousand draws; the best share with covering components is .95."""
     start = Mixture(np.ones(1), np.full((1, d), centre), sd**2 * np.eye(d)[None], 8.0)
+    posterior = free_posterior(log_density, box(-8, 8, d))
     shares, evidences = [], []
     for seed in range(5):
-        rng = np.random.default_rng(seed)
-
-        def look(x):  # under a uniform prior between -8 and 8
-            rows = np.stack([log_density(x), np.full(len(x), -d * np.log(16.0))], 1)
-            inside = (np.abs(x) < 8).all(axis=1, keepdims=True)
-            return x, np.where(inside, rows, -np.inf)
-
-        def propose(mixture, number, rng=rng, look=look):
-            return look(mixture.draw(rng, number))
-
-        draws = Draws(*look(rng.uniform(-8, 8, (500, d))))
-        draws.add(*propose(start, 500), start)
-        refined = refine(draws, start, 300, 1_500, propose)
-        shares.append(Trial(refined, *propose(refined, 2_000)).efficiency)
-        evidences.append(draws.log_evidence)
+        c = by_hand(posterior, seed)
+        x = posterior.prior.sample(c.streams[0], 500)
+        c.archive.add(x, c.evaluator.rows(x))
+        c.archive.add(*c.draw(start, 500), start)
+        c.proposal = Proposal.fitted(start)
+        adapt(c)
+        judge(c)
+        shares.append(c.draft.efficiency)
+        evidences.append(c.archive.log_evidence)
     assert min(shares) > least
-    assert abs(np.mean(evidences)) < 0.03
+    assert abs(np.mean(evidences) + d * np.log(16.0)) < 0.03
 
 
 def test_acceptance_is_that_of_independent_proposals():

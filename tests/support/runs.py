@@ -1,8 +1,12 @@
 """What tests of runs share: what they carry beside their chains, and what is run."""
 
+from dataclasses import replace
+
 import numpy as np
 
 import emcee_femu as ef
+from emcee_femu.sampling import auto
+from emcee_femu.sampling.settings import SETTINGS
 
 
 class Counting:
@@ -47,9 +51,17 @@ def assert_same(one, other):
         assert a.iteration == b.iteration > 0
 
 
+def leave_out(monkeypatch, *stages):
+    """Let "auto" do without some of its stages: an ablation."""
+    for name in ("STAGES", "REFINEMENT"):
+        kept = tuple(s for s in getattr(auto, name) if s not in stages)
+        monkeypatch.setattr(auto, name, kept)
+
+
 def shorten_search(monkeypatch):
     """Let "auto" take less care: starts that a valid sampler may well have."""
     monkeypatch.setattr("emcee_femu.sampling.auto.FEWEST_SEARCHED", 400)
     monkeypatch.setattr("emcee_femu.sampling.auto.ROUND", 200)
-    monkeypatch.setattr("emcee_femu.sampling.auto.TAIL_ROUNDS", 1)
-    monkeypatch.setattr("emcee_femu.sampling.search.FRUITLESS", 2)
+    monkeypatch.setattr("emcee_femu.sampling.tails.TAIL_ROUNDS", 1)
+    settings = replace(SETTINGS, fruitless=2)
+    monkeypatch.setattr("emcee_femu.sampling.auto.SETTINGS", settings)

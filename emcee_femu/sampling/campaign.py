@@ -1,0 +1,123 @@
+"""A campaign: all that the stages of a search read and write."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+
+from ..contracts import Floats
+from ..evaluation.evaluator import Evaluation
+from ..moves.mixture import Mixture
+from ..posterior.log_posterior import LogPosterior
+from .archive import Archive, Draft
+from .ledger import Ledger
+from .maxima import Maxima
+from .proposal import Component, Proposal
+from .record import Annealed
+from .response_surface import ResponseSurface
+from .settings import SETTINGS, Settings
+
+# Parameters at most of a posterior for which polynomials of the response are learned.
+MOST_QUADRATIC = 30
+# Factor of the weights of components for tails and carriers where a mixture fits so
+# badly that polynomials are learned from its draws, which must reach the ends of a
+# ridge. (Of 14 buildings of ten storeys 13 converged; without it 10.)
+WEIGHED_WHERE_BENT = 2.0
+# Acceptance of independence proposals below which other moves do better.
+POOR_ACCEPTANCE = 0.2
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How many points and draws the stages take.
+
+    Attributes:
+        points: Points of the exploration.
+        batch: Draws of one round of the refinement, at least.
+        refined: Draws after which no round of a refinement begins.
+        judged: Draws by which a proposal is judged.
+    """
+
+    points: int
+    batch: int
+    refined: int
+    judged: int
+
+
+@dataclass(eq=False)
+class Campaign:
+    """A search under way. A stage is a function of it, and returns nothing.
+
+    Attributes:
+        evaluator: What evaluates the posterior.
+        streams: A random stream for each ensemble.
+        ledger: What each stage may spend, and has spent.
+        sizes: How many points and draws the stages take.
+        starts: Points ``(n, d)`` of each ensemble that are searched too, or None.
+        settings: What the search is steered by.
+        archive: All draws, weighted.
+        maxima: The maxima that were found.
+        proposal: The present proposal; none before the exploration.
+        draft: The best proposal so far, with the draws that judged it.
+        tails: Components for tails, which a refinement does not keep.
+        points: How many points were explored.
+        first_share: Effective share of the first refined mixture, without those.
+        surface: The response surface that screens proposals, where there is one.
+        populations: An annealed population of each ensemble, if any were annealed.
+        by_gradients: Whether trajectories do better than independence proposals.
+    """
+
+    evaluator: Evaluation
+    streams: Sequence[np.random.Generator]
+    ledger: Ledger
+    sizes: Sizes
+    starts: Sequence[Floats] | None = None
+    settings: Settings = SETTINGS
+    archive: Archive = field(init=False)
+    maxima: Maxima = field(init=False)
+    proposal: Proposal = field(init=False)
+    draft: Draft = field(init=False)
+    tails: list[Component] = field(default_factory=list)
+    points: int = 0
+    first_share: float = np.nan
+    surface: ResponseSurface | None = None
+    populations: list[Annealed] = field(default_factory=list)
+    by_gradients: bool = False
+
+    def __post_init__(self) -> None:
+        """Begin with an empty archive."""
+        self.archive = Archive(self.posterior.ndim)
+        self.maxima = Maxima(len(self.streams))
+
+    @property
+    def posterior(self) -> LogPosterior:
+        """The posterior that is searched."""
+        return self.evaluator.posterior
+
+    @property
+    def bent(self) -> bool:
+        """Whether polynomials of the response may do better than mixtures."""
+        few = self.posterior.normal and self.posterior.ndim <= MOST_QUADRATIC
+        return few and self.first_share < self.settings.bent
+
+    @property
+    def heavy(self) -> float:
+        """Factor of the weights of components for tails and carriers."""
+        return WEIGHED_WHERE_BENT if self.bent else 1.0
+
+    def draw(self, law: Mixture, number: int) -> tuple[Floats, Floats]:
+        """Return evaluated draws of a law: as many of each stream, and their rows."""
+        each = -(-number // len(self.streams))
+        theta = np.concatenate([law.draw(rng, each) for rng in self.streams])
+        return theta, self.evaluator.rows(theta)
+
+    def extend(self, added: Sequence[Component], kind: str, number: int) -> None:
+        """Add components to the proposal, after some draws of these alone."""
+        weights, means, matrices = map(np.array, zip(*added, strict=True))
+        alone = Mixture(weights / weights.sum(), means, matrices, self.proposal.law.df)
+        self.archive.add(*self.draw(alone, number), alone)
+        self.proposal = self.proposal.extended(added, kind)
+
+
+Stage: TypeAlias = Callable[[Campaign], None]

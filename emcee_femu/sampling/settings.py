@@ -1,0 +1,50 @@
+"""The ten numbers that steer a run; each other constant serves one function."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a run is sized by; the page "What auto does" has what half and twice do.
+
+    Attributes:
+        sized_for: Evaluations of the chain for which a search is made if the run ends
+            by its verdict. More make a better proposal than the chain pays back.
+        least_budget: Solves that a search may take however short the chain is; twice
+            the evaluations of a longer chain.
+        searched_share: Points of a search by the evaluations of the chain.
+        most_searched: Points of a search at most. A bare density has as many as its
+            chain up to then, since climbs by differences are dear. (38,400 of them took
+            a quarter of 250,000 solves for one maximum; 2,000 found a needle in d = 4
+            in 4 of 10 searches, 10,000 in 9.)
+        untested: Climbs in a row that end at known maxima, after which a point has to
+            be parted by a valley from the maximum that it would belong to.
+        fruitless: Climbs in a row that end at known maxima, after which a search has
+            found what it can find.
+        dfs: Degrees of freedom among which the tails of a proposal are chosen.
+        bent: Effective share of a mixture's draws below which polynomials of the
+            response may do better.
+        independence_shares: Pairs of an acceptance of the proposal, and the share of
+            independence proposals in the chain from that acceptance on.
+        sd_at_end: Relative error of every standard deviation at which a run may end:
+            half of what a verdict asks for that is asked once, so that one run in fifty
+            ends with a standard deviation that is more than 12 % off.
+    """
+
+    sized_for: int = 10_000
+    least_budget: int = 30_000
+    searched_share: float = 0.2
+    most_searched: int = 10_000
+    untested: int = 2
+    fruitless: int = 4
+    dfs: tuple[float, ...] = (3.0, 5.0, 8.0, 16.0, 50.0)
+    bent: float = 0.5
+    independence_shares: tuple[tuple[float, float], ...] = (
+        (0.2, 0.9),
+        (0.05, 0.6),
+        (0.0, 0.2),
+    )
+    sd_at_end: float = 0.05
+
+
+SETTINGS = Settings()
