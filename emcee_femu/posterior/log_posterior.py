@@ -39,6 +39,11 @@ LOG_PRIOR = 1
 Kind: TypeAlias = Literal["rows", "gradient", "linearization", "deviations"]
 
 
+def log_likelihood(rows: Floats) -> Floats:
+    """Return the log-likelihoods ``(n,)`` of rows."""
+    return rows[:, LOG_POSTERIOR] - rows[:, LOG_PRIOR]
+
+
 class LogPosterior(Report):
     r"""The log-posterior of one or several models, evaluated for a batch of walkers.
 

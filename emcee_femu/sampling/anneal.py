@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from os import PathLike
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.random import RandomState
@@ -24,21 +24,37 @@ from ..evaluation.evaluator import Evaluation
 from ..evaluation.resume import open_evaluator
 from ..moves.independence import ComponentWalk, IndependenceMove
 from ..moves.proposing import temper
-from ..posterior.log_posterior import LogPosterior
+from ..posterior.log_posterior import (
+    LOG_POSTERIOR,
+    LOG_PRIOR,
+    LogPosterior,
+    log_likelihood,
+)
 from .coordinates import Coordinates
 from .first_solve import check_first_solve, doubt_reach
-from .importance import FAIR_SHARE, GOOD_K, bridge, kish_share, pareto_k, resample
+from .importance import GOOD_K, are_reliable, bridge, kish_share, pareto_k, resample
 from .record import Annealed
 
-MOST_FINITE_DRAWS = 20  # times the size, for a population of finite likelihood
-# Powers whose proposals tell of what is missing; early ones may fit badly.
+# Draws of the prior at most, by the size, for a population of finite likelihood.
+MOST_FINITE_DRAWS = 20
+# The last powers, whose proposals tell what is missing; those of early ones may fit
+# badly.
 LAST_POWERS = 2
-RENEWED = 0.8  # of the members are to be independent of their ancestors
-MOST_SWEEPS = 20  # at one power
-MOST_THOROUGH = 30  # sweeps of an annealing for the evidence
-AGREED = 2.5  # standard errors by which two evidences may differ
+# Share of the members that has to be independent of their ancestors.
+RENEWED = 0.8
+# Sweeps at one power at most, for starts and for an evidence.
+MOST_SWEEPS = 20
+MOST_THOROUGH = 30
+# Standard errors by which two estimates of the evidence may differ.
+AGREED = 2.5
+# Components of a fit at most.
 MOST_ANNEALED = 6
-PER_COMPONENT = 10  # members of a half for each parameter and component
+# Members of a half for each parameter and component at least.
+PER_COMPONENT = 10
+# Scale of the best random walk for a Gaussian: an accepted step in d dimensions is
+# worth 2.8 / d independent draws, and a quarter of the steps is accepted.
+WORTH_OF_STEP = 2.8
+WALK_ACCEPTANCE = 0.25
 
 Evaluate: TypeAlias = Callable[[Floats], Floats]  # coordinates to rows
 
@@ -138,10 +154,11 @@ def anneal(
         coordinates = Coordinates.unbounded(posterior.prior)
         rng = np.random.default_rng(seed)
         population = anneal_population(evaluator, coordinates, rng, size, thorough=True)
-    population.rows[:, :2] -= coordinates.log_volume(population.theta)[:, None]
+    rows = coordinates.lower(population.rows, population.theta)
     return replace(
         population,
         theta=coordinates.parameters(population.theta),
+        rows=rows,
         solves=evaluator.solves,
         failed_solves=evaluator.failed,
         doubts=doubts,
@@ -191,59 +208,98 @@ def anneal_population(
         theta, rows, share, draws = begin[1], evaluate(begin[1]), 1.0, size
     halves = [np.arange(size // 2), np.arange(size // 2, size)]
     fits = [IndependenceMove.fit(theta[half]) for half in halves[::-1]]
-    ancestors, influence = np.arange(size), np.zeros(size)
-    log_evidence, powers = float(np.log(share)), [0.0]
-    moved, tried = [], []
+    lineages, powers = _Lineages(size, float(np.log(share))), [0.0]
+    history: list[_Renewed] = []
     longest = MOST_THOROUGH if thorough else MOST_SWEEPS
     while powers[-1] < 1 and (left := most - evaluator.solves + before) > size:
-        sweeps = int(min(longest, left / size))
-        low = rows[:, 0] - rows[:, 1]
-        step = _next_step(low, 1 - powers[-1])
-        if powers[-1] + step == powers[-1]:
-            raise RuntimeError(
-                f"posterior: the likelihood still varies by {np.ptp(low):g} at its "
-                f"power {powers[-1]:g}, and no larger one can be reached; is it a "
-                "function of the parameters alone?"
-            )
-        powers.append(1.0 if step == 1 - powers[-1] else powers[-1] + step)
-        weights = softmax(step * low)
-        kept = np.concatenate(
-            [half[resample(weights[half], len(half), rng.random())] for half in halves]
-        )
-        parents, ancestors = ancestors, ancestors[kept]
+        low = log_likelihood(rows)
+        power, step = _next_power(low, powers[-1])
+        powers.append(power)
+        kept = _select(softmax(step * low), halves, rng)
         theta, rows = theta[kept], rows[kept]
         first, second = (theta[half] for half in halves)
         fits = [_fit(second, first, fits[0]), _fit(first, second, fits[1])]
-        here = alone if powers[-1] == 1 else evaluate  # where no other law counts
-        theta, rows, accepted, log_weights = _renew(
-            here, theta, rows, halves, powers[-1], random, fits, thorough, sweeps
+        here = alone if power == 1 else evaluate  # where no other law counts
+        sweeps = int(min(longest, left / size))
+        history.append(
+            _renew(here, theta, rows, halves, power, random, fits, thorough, sweeps)
         )
-        moved.append(accepted)
-        tried.append(log_weights)
-        high = rows[:, 0] - rows[:, 1]
-        ratio = bridge(step * high, step * low)
-        log_evidence += ratio.log_ratio
-        np.add.at(influence, parents, ratio.from_g / len(low))
-        np.add.at(influence, ancestors, ratio.from_f / len(high))
-    error = float(np.sqrt((influence**2).sum() + (1 - share) / (share * draws)))
-    problems = (
-        _find_problems(tried[-LAST_POWERS:], log_evidence, error) if tried else ()
-    )
+        theta, rows = history[-1].theta, history[-1].rows
+        lineages.go_on(kept, step * low, step * log_likelihood(rows))
+    error = lineages.error((1 - share) / (share * draws))
+    tried = [moved.log_weights for moved in history[-LAST_POWERS:]]
+    problems = _find_problems(tried, lineages.log_evidence, error)
     return Annealed(
         names=evaluator.posterior.names,
         theta=theta,
         rows=rows,
         powers=np.array(powers),
-        acceptance=np.array([np.mean(shares) for shares in moved]),
-        sweeps=np.array([len(shares) for shares in moved]),
-        log_evidence=log_evidence,
+        acceptance=np.array([np.mean(moved.accepted) for moved in history]),
+        sweeps=np.array([len(moved.accepted) for moved in history]),
+        log_evidence=lineages.log_evidence,
         log_evidence_error=np.inf if problems else error,
-        effective_size=_effective_size(coordinates.parameters(theta), ancestors),
+        effective_size=lineages.effective_size(coordinates.parameters(theta)),
         solves=evaluator.solves - before,
         problems=problems,
         units=evaluator.posterior.units,
         log_box=evaluator.posterior.log_box,
     )
+
+
+class _Renewed(NamedTuple):
+    """Members that were moved at one power.
+
+    Attributes:
+        theta: The members, ``(size, d)``.
+        rows: Their rows.
+        accepted: The share of accepted proposals of each sweep.
+        log_weights: ln(p / q) of all independence proposals.
+    """
+
+    theta: Floats
+    rows: Floats
+    accepted: list[float]
+    log_weights: Floats
+
+
+class _Lineages:
+    """The ancestors of a population among its first members, and its evidence.
+
+    Attributes:
+        ancestors: The first member from which each descends, ``(size,)``.
+        log_evidence: The sum of the ratios so far.
+    """
+
+    def __init__(self, size: int, log_evidence: float) -> None:
+        self.ancestors, self.log_evidence = np.arange(size), log_evidence
+        self._influence = np.zeros(size)
+
+    def go_on(self, kept: NDArray[np.intp], low: Floats, high: Floats) -> None:
+        """Take the members that are kept, and the bridge from one power to the next.
+
+        Args:
+            kept: The members of the last power from which those of this one begin.
+            low: ln of the ratio of the densities of both powers at the last members.
+            high: The same at those of this power.
+        """
+        ratio, parents = bridge(high, low), self.ancestors
+        self.ancestors = parents[kept]
+        self.log_evidence += ratio.log_ratio
+        np.add.at(self._influence, parents, ratio.from_g / len(low))
+        np.add.at(self._influence, self.ancestors, ratio.from_f / len(high))
+
+    def error(self, variance: float) -> float:
+        """Return the standard error of the evidence, with another variance."""
+        return float(np.sqrt((self._influence**2).sum() + variance))
+
+    def effective_size(self, theta: Floats) -> Floats:
+        """Return the variance of each parameter by that of its mean, ``(d,)``."""
+        n = len(theta)
+        centred = theta - theta.mean(axis=0)
+        sums = np.zeros((n, theta.shape[1]))
+        np.add.at(sums, self.ancestors, centred)
+        size: Floats = n * (centred**2).sum(axis=0) / (sums**2).sum(axis=0)
+        return np.minimum(size, n)
 
 
 def fewest_members(ndim: int) -> int:
@@ -262,8 +318,11 @@ def _find_problems(tried: list[Floats], value: float, error: float) -> tuple[str
     ratios wrong by more than their lineages tell, and the last population may still
     be good.
     """
-    k = max((pareto_k(w) for w in tried if kish_share(w) < FAIR_SHARE), default=0.0)
-    if k > GOOD_K:
+    if not tried:
+        return ()
+    judged = [(pareto_k(weights), kish_share(weights)) for weights in tried]
+    if bad := [k for k, share in judged if not are_reliable(k, share)]:
+        k = max(bad)
         return (
             "a region of the posterior may be missing: the weights of proposals fitted "
             f"to the population have a heavy tail (Pareto k {k:.2f}, the limit is "
@@ -287,7 +346,7 @@ def _draw(
     theta = coordinates.sample(rng, size)
     rows = evaluate(theta)
     for draws in range(size, (MOST_FINITE_DRAWS + 1) * size, size):
-        finite = rows[:, 0] > -np.inf
+        finite = rows[:, LOG_POSTERIOR] > -np.inf
         if (number := int(finite.sum())) >= size:
             keep = np.flatnonzero(finite)[:size]
             return theta[keep], rows[keep], number / draws, draws
@@ -300,17 +359,42 @@ def _draw(
     )
 
 
-def _next_step(log_likelihood: Floats, most: float) -> float:
-    """Return the increment whose weights have a coefficient of variation of 1."""
-    centred = log_likelihood - log_likelihood.max()
+def _next_power(log_likelihood: Floats, last: float) -> tuple[float, float]:
+    """Return the next power, whose weights have a coefficient of variation of 1.
+
+    And the step to it.
+
+    Raises:
+        RuntimeError: If no power above the last one can be told from it.
+    """
+    centred, step = log_likelihood - log_likelihood.max(), 1 - last
 
     def excess(step: float) -> float:
         weights = np.exp(step * centred)
         return float(weights.std() / weights.mean()) - 1
 
-    if excess(most) <= 0:
-        return most
-    return float(brentq(excess, 0.0, most, xtol=1e-300, maxiter=10_000))
+    if excess(step) > 0:
+        step = float(brentq(excess, 0.0, step, xtol=1e-300, maxiter=10_000))
+    if last + step == last:
+        raise RuntimeError(
+            f"posterior: the likelihood still varies by {np.ptp(log_likelihood):g} at "
+            f"its power {last:g}, and no larger one can be reached; is it a function "
+            "of the parameters alone?"
+        )
+    return (1.0 if step == 1 - last else last + step), step
+
+
+def _select(
+    weights: Floats, halves: Sequence[NDArray[np.intp]], rng: np.random.Generator
+) -> NDArray[np.intp]:
+    """Return members as often as their weights say, each half by itself."""
+    kept = [half[resample(weights[half], len(half), rng.random())] for half in halves]
+    return np.concatenate(kept)
+
+
+def _tempered(rows: Floats, power: float) -> Floats:
+    """Return the log-densities at a power of the likelihood."""
+    return temper(rows[:, LOG_POSTERIOR], rows[:, LOG_PRIOR], power)
 
 
 def _fit(draws: Floats, others: Floats, last: IndependenceMove) -> IndependenceMove:
@@ -343,27 +427,22 @@ def _renew(
     fits: Sequence[IndependenceMove],
     thorough: bool,
     sweeps: int,
-) -> tuple[Floats, Floats, list[float], Floats]:
+) -> _Renewed:
     """Return members far from where they were, with their rows.
 
     Sweeps of independence proposals alternate with a random walk, whichever renews
     more members having three quarters of them. Those of high likelihood may wait the
     longest, and weigh the most at the next power: an average does not see them.
-
-    Returns:
-        Members, rows, the share of accepted proposals of each sweep, and ln(p / q) of
-        all independence proposals.
     """
     (n, ndim), renewed = theta.shape, np.zeros(len(theta))
     walks = [ComponentWalk(fit.mixture) for fit in fits]
     accepted: list[float] = []
     log_weights: list[Floats] = []
-    # An accepted step of the walk is worth 2.38**2 / (2 ndim) independent draws.
-    worth = min(1.0, 2.8 / ndim)
-    rates = [1.0, 0.25 * worth]
+    worth = min(1.0, WORTH_OF_STEP / ndim)
+    rates = [1.0, WALK_ACCEPTANCE * worth]
     groups = [np.arange(n)]
     if thorough:  # quarters by likelihood
-        groups = np.array_split(np.argsort(rows[:, 0] - rows[:, 1]), 4)
+        groups = np.array_split(np.argsort(log_likelihood(rows)), 4)
     for sweep in range(sweeps):
         better = rates[1] > rates[0]
         walking = better if sweep % 4 < 3 and sweep else not better and sweep > 0
@@ -371,12 +450,12 @@ def _renew(
         proposals = [move.get_proposal(theta[half], [], random) for move, half in moves]
         proposed, factors = map(np.concatenate, zip(*proposals, strict=True))
         new = evaluate(proposed)
-        target = temper(new[:, 0], new[:, 1], power)
+        target = _tempered(new, power)
         if not walking:
             pairs = zip(fits, halves, strict=True)
             log_q = [fit.log_density(proposed[half]) for fit, half in pairs]
             log_weights.append(target - np.concatenate(log_q))
-        threshold = temper(rows[:, 0], rows[:, 1], power) - factors
+        threshold = _tempered(rows, power) - factors
         threshold -= random.standard_exponential(n)
         better_ones = target > threshold
         theta = np.where(better_ones[:, None], proposed, theta)
@@ -386,17 +465,7 @@ def _renew(
         renewed[better_ones] += worth if walking else 1.0
         if walking:
             for walk in walks:
-                walk.scale *= np.exp(accepted[-1] - 0.25)
+                walk.scale *= np.exp(accepted[-1] - WALK_ACCEPTANCE)
         if min(np.minimum(renewed[group], 1).mean() for group in groups) > RENEWED:
             break
-    return theta, rows, accepted, np.concatenate(log_weights)
-
-
-def _effective_size(theta: Floats, ancestors: NDArray[np.intp]) -> Floats:
-    """Return the variance of each parameter by that of its mean, by lineages."""
-    n = len(theta)
-    centred = theta - theta.mean(axis=0)
-    sums = np.zeros((n, theta.shape[1]))
-    np.add.at(sums, ancestors, centred)
-    size: Floats = n * (centred**2).sum(axis=0) / (sums**2).sum(axis=0)
-    return np.minimum(size, n)
+    return _Renewed(theta, rows, accepted, np.concatenate(log_weights))

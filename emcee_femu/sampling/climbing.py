@@ -14,28 +14,42 @@ from scipy.sparse.csgraph import connected_components
 from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
 from ..likelihoods.term import ERROR_PRIOR
+from ..posterior.log_posterior import LOG_POSTERIOR
 from .coordinates import Coordinates
 from .curvature import Local, Space
 from .quadratic import find_damping, log_integral, make_positive, step_within
 
-# Of log-posterior still to be had: 0.045 standard deviations from the top.
+# Log-posterior that a step has to gain: it ends 0.045 standard deviations from the top.
 WORTH_A_STEP = 1e-3
-# The same where no step gains: noise of a solver, a kink, a sharp bend.
+# Log-posterior that may remain where no step gains: by the noise of a solver, at a kink
+# or a sharp bend.
 NOISE_OF_TOP = 0.1
+# Steps of a climb at most.
 MOST_STEPS = 100
-GAIN_ACCEPTED, GAIN_POOR, GAIN_GOOD = 0.01, 0.25, 0.75  # actual gain by predicted gain
-SHORTER, LONGER = 0.25, 3.0
-SADDLE = -0.1  # least curvature of a maximum, in prior sds; rounding gives some
-TOUCHING = 1e-9  # prior sds from a bound at which a point is on it
-# Of the prior's scale: no posterior of data is as narrow, and rounded frequencies
-# would stop the climb at a tenth of it.
+# Ratios of the actual gain to the predicted one: from the first a step is accepted,
+# below the second the radius shrinks, above the third it grows.
+GAIN_ACCEPTED = 0.01
+GAIN_POOR = 0.25
+GAIN_GOOD = 0.75
+# Factors of the step by which the radius shrinks and grows.
+SHORTER = 0.25
+LONGER = 3.0
+# Curvature of a maximum at least, by prior variances; rounding makes it negative.
+SADDLE = -0.1
+# Distance from a bound, in prior standard deviations, at which a point is on it.
+TOUCHING = 1e-9
+# Width of a posterior at least, by that of the prior: no data make it as narrow, and
+# rounded frequencies would stop a climb at a tenth of it.
 NARROWEST = 1e-8
-# Log evidence that must be lost on the way to a point without bound. Where a finite
-# integral ends there it falls as the error does, by 10 and more, else not at all.
+# Drop of the log evidence towards a singularity, at least, for its integral to count as
+# finite. Where it is finite the drop is 10 and more, elsewhere there is none.
 VANISHING = 5.0
-SAME = 2.0  # standard deviations; two equal Gaussians so near have one top
-ARRIVED = "converged"  # in words why a climb ended
-UNBOUNDED = "the density grows without bound"  # the same
+# Distance of two maxima in standard deviations, below which they are one: the sum of
+# two equal Gaussians so near has one top.
+SAME = 2.0
+# Why a climb ended.
+ARRIVED = "converged"
+UNBOUNDED = "the density grows without bound"
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +84,7 @@ class Maximum:
     @property
     def log_posterior(self) -> float:
         """The log-posterior at the maximum."""
-        return float(self.row[0])
+        return float(self.row[LOG_POSTERIOR])
 
     @property
     def gaussian(self) -> tuple[Floats, Floats]:

@@ -11,12 +11,17 @@ from scipy.stats import logistic
 from ..contracts import Floats, Prior
 from ..evaluation.evaluator import Evaluation
 from ..posterior.derivatives import difference, unstack
+from ..posterior.log_posterior import LOG_POSTERIOR, LOG_PRIOR
 from ..posterior.priors import prior_scale
 
-QUANTILE_DRAWS = 20_000  # of the prior, for its quantiles
-DECADES = 30.0  # ratio of the quantiles .95 and .05, from which logarithms are natural
-LARGEST_LOG = 700.0  # logarithm that is finite
-LEAST_DISTANCE = 1e-200  # least distance from a bound
+# Draws of the prior by which its quantiles are known.
+QUANTILE_DRAWS = 20_000
+# Ratio of the quantiles .95 and .05, from which logarithms are natural.
+DECADES = 30.0
+# Largest logarithm of a finite number.
+LARGEST_LOG = 700.0
+# Distance from a bound at least.
+LEAST_DISTANCE = 1e-200
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +120,11 @@ class Coordinates:
 
     def lift(self, rows: Floats, x: Floats) -> Floats:
         """Return rows at coordinates ``(n, d)`` with the densities of these."""
-        lifted = rows.copy()
-        lifted[:, :2] += self.log_volume(x)[:, None]
-        return lifted
+        return _shifted(rows, self.log_volume(x))
+
+    def lower(self, rows: Floats, x: Floats) -> Floats:
+        """Return rows at coordinates ``(n, d)`` with the densities of parameters."""
+        return _shifted(rows, -self.log_volume(x))
 
     def rows(self, evaluator: Evaluation, x: Floats) -> Floats:
         """Return rows at coordinates ``(n, d)``, with the densities of these."""
@@ -159,9 +166,16 @@ class Coordinates:
     def compare(self, evaluator: Evaluation, other: Evaluation, x: Floats) -> Floats:
         """Return rows, the density of another posterior in place of the prior's."""
         rows = self.rows(evaluator, x)
-        rows[:, 1] = self.rows(other, x)[:, 0]
+        rows[:, LOG_PRIOR] = self.rows(other, x)[:, LOG_POSTERIOR]
         return rows
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draw ``(n, d)`` coordinates from the prior."""
         return self.coordinates(self.prior.sample(rng, n))
+
+
+def _shifted(rows: Floats, by: Floats) -> Floats:
+    """Return rows with other log-posteriors and log-priors."""
+    shifted = rows.copy()
+    shifted[:, [LOG_POSTERIOR, LOG_PRIOR]] += by[:, None]
+    return shifted

@@ -12,15 +12,25 @@ import numpy as np
 from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
 from ..posterior.derivatives import is_printed
+from ..posterior.log_posterior import LOG_POSTERIOR
 from .coordinates import Coordinates
 
-EXACT = 1e-2  # relative error of a prediction by a curvature that holds everywhere
-USABLE = 0.5  # the same of one that is kept
-FIRST_OFFSET = 1e-3  # of differences, in prior sds, where no scale is known
-OFFSET = 0.05  # of differences, in conditional sds of the posterior
-MOST_OFFSET = 0.1  # in prior sds
-# The same for a solver that prints few digits, whose differences are steps.
-GRAINED_FIRST, GRAINED_OFFSET, MOST_GRAINED = 0.1, 1.0, 0.5
+# Relative error of a prediction, below which a curvature holds everywhere.
+EXACT = 1e-2
+# Relative error of a prediction, above which a curvature is found anew.
+USABLE = 0.5
+# Step of differences in prior standard deviations, where no scale is known.
+FIRST_OFFSET = 1e-3
+# Step of differences in conditional standard deviations of the posterior.
+OFFSET = 0.05
+# Step of differences in prior standard deviations at most.
+MOST_OFFSET = 0.1
+# The same three for a solver that prints few digits.
+GRAINED_FIRST = 0.1
+GRAINED_OFFSET = 1.0
+MOST_GRAINED = 0.5
+# Product of two vectors, relative to their lengths, below which it is rounding.
+ORTHOGONAL = 1e-8
 
 
 class Local(NamedTuple):
@@ -49,7 +59,7 @@ class Local(NamedTuple):
     @property
     def value(self) -> float:
         """The log-posterior."""
-        return float(self.row[0])
+        return float(self.row[LOG_POSTERIOR])
 
     @property
     def usable(self) -> bool:
@@ -148,7 +158,7 @@ class Space:
         first = local.offsets
         steps = np.concatenate([np.diag(first), np.diag(second)])
         rows = self.rows(local.point + steps)
-        ahead, behind = np.split(rows[:, 0] - local.value, 2)
+        ahead, behind = np.split(rows[:, LOG_POSTERIOR] - local.value, 2)
         a, b = ahead / first, behind / second
         # Where a solve on one side failed, the slope of the other one is taken.
         a, b = np.where(np.isfinite(a), a, b), np.where(np.isfinite(b), b, a)
@@ -173,7 +183,8 @@ class Space:
             i, j = np.triu_indices(len(steps), 1)
             rows = self.rows(local.point + steps[i] + steps[j])
             with np.errstate(invalid="ignore"):  # of solves that failed
-                both = rows[:, 0] - local.value - local.ahead[i] - local.ahead[j]
+                both = rows[:, LOG_POSTERIOR] - local.value
+                both = both - local.ahead[i] - local.ahead[j]
             both[~np.isfinite(both)] = 0.0
             curvature[i, j] = -both / (local.offsets[i] * local.offsets[j])
             curvature[j, i] = curvature[i, j]
@@ -203,6 +214,6 @@ def _bend(before: Local, here: Local) -> Floats:
     step = here.point - before.point
     rest = before.gradient - here.gradient - before.curvature @ step
     product = rest @ step
-    if abs(product) <= 1e-8 * np.linalg.norm(rest) * np.linalg.norm(step):
+    if abs(product) <= ORTHOGONAL * np.linalg.norm(rest) * np.linalg.norm(step):
         return before.curvature
     return np.asarray(before.curvature + np.outer(rest, rest) / product)

@@ -13,7 +13,7 @@ from ..contracts import Floats
 from ..evaluation.resume import open_evaluator
 from ..moves.mixture import GAUSSIAN, Mixture
 from ..posterior.derivatives import DIGITS, is_printed
-from ..posterior.log_posterior import LogPosterior
+from ..posterior.log_posterior import LOG_POSTERIOR, LogPosterior
 from ..posterior.priors import inside, prior_centre, summarize_prior
 from ..table import Column, Parts, Report, Table, unit_column
 from .climbing import Maximum, climb, distinct
@@ -21,10 +21,14 @@ from .first_solve import check_first_solve
 from .importance import GOOD_K, kish_share, pareto_k
 from .quadratic import moments_inside
 
-FEWEST_CHECKED = 25  # draws of a check; from fewer there is no Pareto k
-SHOWN_MAXIMA = 4  # maxima in the tables
-TRIALS = 100  # draws for each that is to lie inside the bounds
-EFFECTIVE = 0.5  # share of draws of a Gaussian that is close
+# Draws of a check at least; of fewer there is no Pareto k.
+FEWEST_CHECKED = 25
+# Maxima in the tables at most.
+SHOWN_MAXIMA = 4
+# Draws for each one that has to lie inside the bounds.
+TRIALS = 100
+# Effective share of the draws from which the posterior is close to the Gaussians.
+EFFECTIVE = 0.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -269,7 +273,7 @@ def find_map(
             rng = np.random.default_rng(for_check)
             bounds = posterior.prior.bounds
             draws, log_q = _draw_inside(maxima, weights, bounds, check, rng)
-            log_weights = evaluation.rows(draws)[:, 0] - log_q
+            log_weights = evaluation.rows(draws)[:, LOG_POSTERIOR] - log_q
             n, k, share = len(draws), pareto_k(log_weights), kish_share(log_weights)
     return FoundMap(
         posterior=posterior,

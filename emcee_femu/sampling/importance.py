@@ -11,10 +11,16 @@ from scipy.special import expit, softmax
 
 from ..contracts import Floats
 
-GOOD_K = 0.7  # below it the error of an importance estimate can be believed
-FEWEST_WEIGHTS = 25  # from which k can be said
-FAIR_SHARE = 0.5  # effective share above which a heavy tail of weights matters little
-PAIRED = 500  # draws of which all pairs are compared
+# Pareto k up to which the error of an importance estimate can be believed.
+GOOD_K = 0.7
+# Effective share from which a heavy tail of weights matters little.
+FAIR_SHARE = 0.5
+# Weights from which k can be said.
+FEWEST_WEIGHTS = 25
+# Relative range of the largest weights, below which they are equal and have no tail.
+EQUAL = 1e-9
+# Draws at most of which all pairs are compared.
+PAIRED = 500
 
 
 def pareto_k(log_weights: Floats) -> float:
@@ -61,7 +67,7 @@ def smooth_tail(log_weights: Floats) -> tuple[Floats, float]:
     floor = finite.min() - 1.0
     filled = np.where(above_zero, log_weights, floor)
     largest = np.sort(filled)[-round(min(len(filled) / 5, 3 * len(filled) ** 0.5)) :]
-    if np.ptp(largest) < 1e-9:  # equal: no tail, to which no law can be fitted
+    if np.ptp(largest) < EQUAL:  # equal: no tail, to which no law can be fitted
         return log_weights, -np.inf
     with warnings.catch_warnings():  # ArviZ 0.23 announces version 1, and warns of k
         warnings.simplefilter("ignore")

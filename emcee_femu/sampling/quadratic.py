@@ -6,11 +6,14 @@ from scipy.optimize import brentq, lsq_linear
 
 from ..contracts import Floats
 
-LEAST_CURVATURE = 0.1  # least curvature: no direction is wider than 3.2 prior sds
-CURVATURE_ROUNDED = 1e-14  # of the largest curvature, below which one is rounding
-
-BOX_DRAWS = 1_000  # of the probability of a box; its relative error is a percent or two
-FAR_BOUND = 8.0  # standard deviations; a bound beyond them takes nothing away
+# Curvature at least: no direction is wider than 3.2 prior standard deviations.
+LEAST_CURVATURE = 0.1
+# Curvature relative to the largest, below which it is rounding.
+CURVATURE_ROUNDED = 1e-14
+# Draws by which the probability of a box is known to a percent or two.
+BOX_DRAWS = 1_000
+# Standard deviations beyond which a bound takes nothing away.
+FAR_BOUND = 8.0
 
 
 def log_integral(

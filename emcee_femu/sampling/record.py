@@ -21,7 +21,7 @@ from ..moves.demc import DEMCMove
 from ..moves.hamiltonian import HamiltonianMove
 from ..moves.independence import IndependenceMove
 from ..moves.mixture import Mixture
-from ..posterior.log_posterior import LogPosterior
+from ..posterior.log_posterior import LOG_POSTERIOR, LogPosterior
 from ..table import Column, Parts, Report, Table, unit_column
 from .proposal import Labels, assign
 from .response_surface import ResponseSurface
@@ -195,9 +195,9 @@ class Annealed(Report):
         return Chains(
             self.names,
             self.theta[:, None, None],
-            self.rows[:, None, None, 0],
+            self.rows[:, None, None, LOG_POSTERIOR],
             self.acceptance[-1:, None],
-            self.rows[:, None, None, 1:],
+            np.delete(self.rows, LOG_POSTERIOR, axis=1)[:, None, None],
             kind="population",
             moves="annealed",
             seed="unknown (annealed)",

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..contracts import Floats
 from ..table import Parts, Report, Table
-from .importance import FAIR_SHARE, GOOD_K
+from .importance import GOOD_K, are_reliable
 from .judge import (
     FEWEST_STEPS,
     ModeWeights,
@@ -382,9 +382,8 @@ def _proposal(modes: ModeWeights, steps: int) -> Iterator[Complaint]:
     """Yield what is wrong with the frozen proposal, if steps are made with it."""
     several, made = len(modes.importance) > 1, modes.share * steps
     k = float(np.fmax(modes.pareto_k, modes.chain_k))
-    # Weights of modes are compared with those of the search, unless k is large. (Nearly
-    # equal weights have a tail too, but not one that matters.)
-    if several and k > GOOD_K and not modes.efficiency > FAIR_SHARE:
+    # Weights of modes are compared with those of the search, unless k is large.
+    if several and not are_reliable(k, modes.efficiency):
         yield "proposal too narrow", f"Pareto k is {k:.2f} (at most {GOOD_K})", MUCH
     left = float(np.nanmin(modes.acceptance)) * made
     if several and made and left < ENOUGH_VISITS:
