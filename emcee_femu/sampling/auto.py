@@ -12,12 +12,12 @@ from ..evaluation.evaluator import Evaluation
 from ..evaluation.samplers import start_state
 from ..moves import HamiltonianMove
 from ..moves.mixture import Mixture
+from ..posterior.followed_modes import follow_modes
 from .adapt import adapt, carry, judge
 from .anneal import anneal_population, fewest_members
 from .campaign import POOR_ACCEPTANCE, Campaign, Sizes, Stage
 from .coordinates import Coordinates
 from .explore import explore
-from .followed_modes import follow_modes
 from .importance import find_acceptance, resample
 from .ledger import Kept, Ledger
 from .proposal import Proposal, assign
@@ -296,6 +296,7 @@ def _record(
     uncounted = len(followed) * (count + 2)
     return SearchRecord(
         mixture=law,
+        kinds=draft.proposal.law_kinds,
         mode_of=maximum_of,
         weights=weights,
         errors=errors,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Self, overload
@@ -281,6 +282,8 @@ class SearchRecord(Report):
             mean has at the maxima, ``(g, p)``; 0 where it lost its shape.
         kurtosis: Of each parameter, by the weighted draws, ``(d,)``; 0 if unknown.
         spent: Solves by stage of the search, those before it first; empty if unknown.
+        kinds: What each component is for: "core", "tail", "carrier" or "defensive";
+            empty if unknown.
     """
 
     mixture: Mixture
@@ -304,6 +307,7 @@ class SearchRecord(Report):
     followed: Mapping[str, Any] = field(default_factory=dict)
     kurtosis: Floats | float = 0.0
     spent: Mapping[str, int] = field(default_factory=dict)
+    kinds: Sequence[str] | NDArray[np.str_] = ()
 
     @property
     def table(self) -> Table:
@@ -366,6 +370,10 @@ class SearchRecord(Report):
 
     def _parts(self) -> Parts:
         yield self.sentence
+        if len(self.kinds):
+            counts = Counter(map(str, self.kinds))
+            listed = ", ".join(f"{count} {kind}" for kind, count in counts.items())
+            yield f"Components: {listed}."
         if self.spent:
             yield self.table
 

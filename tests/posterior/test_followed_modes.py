@@ -6,7 +6,7 @@ import pytest
 from support.runs import Counting
 
 import emcee_femu as ef
-from emcee_femu.sampling.followed_modes import follow_modes
+from emcee_femu.posterior.followed_modes import follow_modes
 
 SPRINGS = {"k1": (0, 1, 1_000.0), "k2": (0, 2, 1_600.0)}  # two masses, each on its own
 MODEL = ef.MassSpringModel([1.0, 1.0], SPRINGS, shapes=True)

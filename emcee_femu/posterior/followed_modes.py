@@ -4,8 +4,8 @@ import numpy as np
 
 from ..contracts import Floats, read_declared
 from ..models.paired import PairedModel
-from ..posterior.log_posterior import LogPosterior
-from ..posterior.priors import prior_centre
+from .log_posterior import LogPosterior
+from .priors import prior_centre
 
 # MAC from which a mode is the same one: of two modes that turned into each other both
 # have less.

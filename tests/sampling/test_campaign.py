@@ -1,0 +1,90 @@
+"""Stages of a search, each by itself on a campaign made by hand, and ablations."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from support.campaigns import by_hand
+from support.free_posterior import box, free_posterior
+from support.runs import leave_out
+
+import emcee_femu as ef
+from emcee_femu.moves.mixture import Mixture
+from emcee_femu.sampling import auto
+from emcee_femu.sampling.adapt import carry
+from emcee_femu.sampling.explore import explore
+from emcee_femu.sampling.proposal import CARRIER, TAIL, Proposal
+from emcee_femu.sampling.tails import follow_tails
+
+FAR, LIGHT = 25.0, 0.002
+
+
+def two(x):
+    """Return a Gaussian, and a light one far off that holds half of a variance."""
+    centre = np.zeros(x.shape[1])
+    far = centre + FAR * np.eye(x.shape[1])[0]
+    parts = [
+        np.log(share) + stats.multivariate_normal(mean).logpdf(x).reshape(-1)
+        for share, mean in ((1 - LIGHT, centre), (LIGHT, far))
+    ]
+    return np.logaddexp(*parts)
+
+
+def long_tail(x):
+    """Return a Gaussian whose first parameter is Student's t of three degrees."""
+    return stats.t(3).logpdf(x[:, 0]) + stats.norm.logpdf(x[:, 1])
+
+
+def about(centre, d):
+    return Proposal.fitted(Mixture(np.ones(1), centre[None], np.eye(d)[None], 8.0))
+
+
+def test_exploring_finds_both_maxima_and_fills_the_archive():
+    c = by_hand(free_posterior(two, box(-40, 40, 2)), ensembles=2)
+    explore(c)
+    tops = sorted(maximum.theta[0] for maximum in c.maxima.found)
+    np.testing.assert_allclose(tops, [0.0, FAR], atol=0.05)
+    light = c.proposal.core.means[:, 0] > FAR / 2
+    assert abs(c.proposal.core.weights[light].sum() / LIGHT - 1) < 0.05
+    assert c.points > 900 and len(c.archive.x) > 500
+    assert c.evaluator.solves < c.ledger.end() < c.ledger.total
+
+
+def test_draws_that_carry_a_variance_get_a_component():
+    """A tenth of a percent of the draws holds half of the variance of x1."""
+    c = by_hand(free_posterior(two, box(-40, 40, 2)))
+    c.proposal = about(np.zeros(2), 2)
+    x = c.posterior.prior.sample(c.streams[0], 20_000)
+    c.archive.add(x, c.evaluator.rows(x))
+    c.archive.add(*c.draw(c.proposal.law, 2_000), c.proposal.law)
+    carry(c)
+    added = c.proposal.core.means[c.proposal.kinds == CARRIER]
+    assert len(added) and (np.abs(added - [FAR, 0.0]) < 3.0).all(axis=1).any()
+    law = by_hand(free_posterior(lambda x: -0.5 * (x**2).sum(axis=1), box(-9, 9, 2)))
+    law.proposal = about(np.zeros(2), 2)
+    law.archive.add(*law.draw(law.proposal.law, 4_000), law.proposal.law)
+    carry(law)  # of a Gaussian nothing lacks
+    assert not (law.proposal.kinds == CARRIER).any()
+
+
+def test_tails_are_followed_to_both_sides_and_only_where_they_are():
+    c = by_hand(free_posterior(long_tail, box(-60, 60, 2)))
+    c.proposal = about(np.zeros(2), 2)
+    narrow = c.proposal.core
+    c.archive.add(*c.draw(narrow, 2_000), narrow)
+    follow_tails(c)
+    tails = c.proposal.core.means[c.proposal.kinds == TAIL]
+    assert tails[:, 0].min() < -8 and tails[:, 0].max() > 8
+    assert np.median(np.abs(tails[:, 1])) < 0.1 and np.abs(tails[:, 1]).max() < 2.0
+    assert len(c.tails) == len(tails)
+
+
+@pytest.mark.parametrize("without", [auto.follow_tails, auto.carry, auto.try_again])
+def test_an_ablation_is_a_tuple_without_a_stage(without, monkeypatch):
+    posterior = free_posterior(long_tail, box(-60, 60, 2))
+    whole = ef.run(posterior, steps=2, ensembles=2, seed=1).search
+    assert TAIL in whole.kinds and whole.spent["follow_tails"] > 0
+    leave_out(monkeypatch, without)
+    found = ef.run(posterior, steps=2, ensembles=2, seed=1).search
+    assert without.__name__ not in found.spent
+    assert (TAIL in found.kinds) == (without is not auto.follow_tails)
+    assert np.isfinite(found.weights).all()
