@@ -1,10 +1,11 @@
 """What the constants of "auto" are worth: each is halved and doubled.
 
 Six targets with known answers: the two springs of the README; five springs from five
-frequencies; ten modes; an arc; inferred errors, with long tails; Student's t in ten
-dimensions. The constants of auto.py and response_surface.py are tried on a bent ridge
-too, four storeys from two frequencies, where a response surface screens. Slow targets
-have half of the seeds, and runs end at 120,000 solves at the latest.
+frequencies; ten maxima; an arc; inferred errors, with long tails; Student's t in ten
+dimensions. The settings, and the constants of auto.py, campaign.py and
+response_surface.py, are tried on a bent ridge too, four storeys from two frequencies,
+where a response surface screens. Slow targets have half of the seeds, and runs end at
+120,000 solves at the latest.
 
 A row has, halved and doubled: solves by those of today, the geometric mean over runs;
 how many converged; how many are wrong, as ``hard_targets.py`` has it, or fail; and how
@@ -22,6 +23,7 @@ import functools
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import fields, replace
 from importlib import import_module
 from typing import Any
 from unittest.mock import patch
@@ -35,20 +37,23 @@ from hard_targets import Run, Truth, compare, judge
 import emcee_femu as ef
 from emcee_femu.table import Table
 
-OWNERS = """run advance auto search record response_surface anneal tails climbing
-    curvature quadratic proposals importance""".split()  # each after what imports it
+# Each after what imports it.
+OWNERS = """run advance auto explore tails adapt campaign archive maxima record
+    response_surface anneal climbing curvature quadratic proposal importance""".split()
 MODULES = {owner: import_module(f"emcee_femu.sampling.{owner}") for owner in OWNERS}
+SETTINGS = MODULES["auto"].SETTINGS
 LEFT_OUT = """KEPT_WEIGHTS FOLLOWED_MAC TOUCHING NARROWEST CURVATURE_ROUNDED NO_SENSE
     FEWEST_WEIGHTS LAST_POWERS MOST_THOROUGH AGREED TEMPERATURE_SHARES NO_MODE BRIEF
     COEFFICIENT_RIDGE FEWEST_SOLVES_OF_AUTO USUAL_SOLVES LONG_RUN GAUSSIAN""".split()
-NAMES = {
+FIELDS = {field.name: "Settings" for field in fields(SETTINGS)}
+NAMES = FIELDS | {
     name: owner for owner, module in MODULES.items()
     for name, value in vars(module).items() if name.isupper() and name not in LEFT_OUT
     and isinstance(value, int | float | tuple | np.ndarray)
 }  # fmt: skip
 SLOW = "five springs", "bent ridge", "inferred errors, d=4", "t, 3 dof, d=10"
 TARGETS = "two springs", *SLOW, "ten modes, d=5", "arc, width .08"
-ON_RIDGE = "auto", "response_surface"
+ON_RIDGE = "Settings", "auto", "campaign", "response_surface"
 COLUMNS = {
     "constant": "", "value": "", "half": ".2f", "conv.": "", "wrong": "", "differ": "",
     "double": ".2f", "conv. ": "", "wrong ": "", "differ ": "",
@@ -94,11 +99,20 @@ def scale(name: str, value: Any, factor: float) -> Any:
         return tuple(parts) if isinstance(value, tuple) else np.array(parts)
     if isinstance(value, int):
         return max(1, round(value * factor))
+    name = name.upper()
     if name in ("LOOK_FURTHER", "SCAN_WIDENS"):
         return 1 + factor * (value - 1)
     if name.endswith(("DF", "DFS")):
         return max(value * factor, 2.1)
     return min(value * factor, 0.95 if value < 1 else np.inf)
+
+
+def put(stack: ExitStack, name: str, old: object, new: object) -> None:
+    """Put a constant in place of another wherever that was imported."""
+    loaded = [m for k, m in sys.modules.items() if k.startswith("emcee_femu.")]
+    for module in loaded:
+        if vars(module).get(name) is old:
+            stack.enter_context(patch.object(module, name, new))
 
 
 def main(seeds: int = 2, only: tuple[str, ...] = tuple(NAMES)) -> Table:
@@ -122,16 +136,19 @@ def main(seeds: int = 2, only: tuple[str, ...] = tuple(NAMES)) -> Table:
 
     def rows() -> Iterator[tuple[object, ...]]:
         yield "today", "", *sum_up(today), *sum_up(today)
-        for name in sorted(only, key=lambda name: OWNERS.index(NAMES[name])):
+        order = ["Settings", *OWNERS]
+        for name in sorted(only, key=lambda name: order.index(NAMES[name])):
             owner, cells = NAMES[name], list[object]()
-            value = getattr(MODULES[owner], name)
-            loaded = [m for k, m in sys.modules.items() if k.startswith("emcee_femu.")]
-            having = [m for m in loaded if vars(m).get(name) is value]
+            is_field = owner == "Settings"
+            value = getattr(SETTINGS if is_field else MODULES[owner], name)
             for factor in (0.5, 2.0):
+                new = scale(name, value, factor)
                 with ExitStack() as stack:
-                    for module in having:
-                        new = scale(name, value, factor)
-                        stack.enter_context(patch.object(module, name, new))
+                    if is_field:
+                        settings = replace(SETTINGS, **{name: new})
+                        put(stack, "SETTINGS", SETTINGS, settings)
+                    else:
+                        put(stack, name, value, new)
                     cells.extend(sum_up(run_all(owner)))
             shown = f"{value:g}" if np.isscalar(value) else "several"
             yield f"{owner}.{name}", shown, *cells

@@ -1,12 +1,12 @@
 # %% [markdown]
 # # What "auto" does
 #
-# `run(posterior, seed=1)` with its default `"auto"` searches for the modes of a
+# `run(posterior, seed=1)` with its default `"auto"` searches for the maxima of a
 # posterior, fits a proposal to them, freezes it, and samples with it. This page says
 # how, and shows what is on record. `python examples/explanation/auto.py` runs it in
 # some 4 s.
 #
-# The simulated example has two modes. Two storeys of equal mass have the same
+# The simulated example has two maxima. Two storeys of equal mass have the same
 # frequencies with stiffnesses k1 (ground) and k2 (upper) as with 2 k2 and k1 / 2:
 
 # %%
@@ -30,16 +30,16 @@ run
 # The search solves 2,000 points; with `steps=`, a fifth as many as the chain has
 # evaluations, from 1,000 to 10,000. A bare log-likelihood, whose climbs are dear, gets as
 # many as the chain, up to 10,000. Half of them are draws of the prior; half are about the
-# modes found so far, at 2, 4, 8 times their widths and so on. Each ensemble climbs from
+# maxima found so far, at 2, 4, 8 times their widths and so on. Each ensemble climbs from
 # its best point. It then climbs from points whose density is higher than that of the
-# Gaussians fitted at the known modes. If the posterior is not Gaussian, there are many
+# Gaussians fitted at the known maxima. If the posterior is not Gaussian, there are many
 # such points, and a climb starts only from those that are separated from the nearest
-# mode by a valley (checked at four points on the way). The climbs are those of
+# maximum by a valley (checked at four points on the way). The climbs are those of
 # {py:func}`~emcee_femu.find_map`: one solve per step with `jacobian`, `d + 1` without.
 
 # %%
 search = run.search
-print(f"{search.points} points, {search.climbs} climbs; how many ended in each mode:")
+print(f"{search.points} points, {search.climbs} climbs; ends at each maximum:")
 print(search.found_by)  # one row per ensemble
 
 # %% [markdown]
@@ -48,19 +48,19 @@ print(search.found_by)  # one row per ensemble
 # The proposal has a Student-t component for each maximum. "auto" draws from it and fits
 # it again to all draws so far by their importance weights. It stops when these are
 # nearly equal or no longer improve, after 12 rounds at most. Two wide components for
-# gaps and tails have a tenth of the weight. Then each tail is followed outwards, by
+# gaps and tails (*defensive* ones) have a tenth of the weight. Then each tail is followed outwards, by
 # climbs within slabs, until nothing there matters to a variance; slabs that draws have
 # hardly seen get components, and so do places where ten draws hold much of a variance.
 #
 # If no such proposal is good (Pareto k above 0.7, less than half efficient), it is
-# refined again: without the wide components, or, if fewer than 0.2 of its proposals
+# refined again: without the defensive components, or, if fewer than 0.2 of its proposals
 # would be accepted, from a mixture fitted to annealed populations
 # ({py:func}`~emcee_femu.anneal`). The one that finds more of the posterior is used.
 #
 # The posterior of ten stiffnesses from eight frequencies is a bent ridge that no
 # mixture follows, but the frequencies themselves are smooth. So "auto" learns
 # deviations as polynomials of the parameters or of their logarithms. It does so if
-# fewer than 0.6 of a mixture's proposals would be accepted, all terms are Gaussian, and
+# the draws of a mixture are less than half effective, all terms are Gaussian, and
 # there are at most 30 parameters. The degree is 4 up to 8 parameters, 3 up to 12,
 # then 2. The fit uses some 4,000 solves where walkers on this *response surface* go.
 #
@@ -84,7 +84,7 @@ print(f"efficiency {search.efficiency:.2f}, Pareto k {search.pareto_k:.2f}")
 # fewer than 0.2 or 0.05 of them would be accepted; 80 % with a surface. The rest is
 # `DEMCMove(mode_jump=0.1)`. If fewer than 0.2 would be accepted and the model has
 # `jacobian`, it has 80 % [Hamiltonian moves](../how_to/hamiltonian.py) instead, and 10
-# % independence proposals if there are several separated modes.
+# % independence proposals if there are several separated maxima.
 
 # %%
 for move, share in run.moves:
@@ -92,7 +92,7 @@ for move, share in run.moves:
 
 # %% [markdown]
 # All ensembles share the proposal. But each starts from its own draws of it, in the
-# modes that its own climbs found, so that their agreement is evidence. If no proposal
+# maxima that its own climbs found, so that their agreement is evidence. If no proposal
 # is good, as with most of 14 parameters at their bounds, each starts from its own
 # annealed population.
 #
@@ -101,18 +101,20 @@ for move, share in run.moves:
 #
 # ## What is on record
 #
-# `run.search` has the proposal, the separated modes of its components, and their
+# `run.search` has the proposal, the separated maxima of its components, and their
 # weights by importance sampling with standard errors. It also has how many climbs of
-# each ensemble ended in each mode, and where its walkers start. [The
-# verdict](verdict.py) of {py:func}`~emcee_femu.diagnose` compares the chain with it.
+# each ensemble ended at each maximum, and where its walkers start. [The
+# verdict](verdict.py) of {py:func}`~emcee_femu.diagnose` compares the chain with it. And it
+# says which stage of the search spent which solves:
 
 # %%
-print("weights of the modes: ", np.round(search.weights, 3))
+print(search)
+print("weights of the maxima:", np.round(search.weights, 3))
 print("their standard errors:", np.round(search.errors, 3))
 ef.diagnose(run)
 
 # %% [markdown]
-# A mode that no point of the search hit is not in the proposal. The chain holds no part
+# A maximum that no point of the search hit is not in the proposal. The chain holds no part
 # of the search, so that nothing needs to be discarded:
 
 # %%
@@ -127,8 +129,9 @@ idata = ef.to_inference_data(run)  # no discard
 #
 # `OMP_NUM_THREADS=1 python examples/benchmarks/constants.py` halves and doubles each
 # number that steers a search or a chain, one at a time. Each row has ten runs of six
-# targets with known answers, and of a seventh for the numbers of auto.py and
-# response_surface.py; the head of the script describes them. Solves are relative to
+# targets with known answers, and of a seventh, a bent ridge, for the settings and for
+# the numbers that it reads; the head of the script describes them. The ten numbers that
+# matter are fields of one frozen `Settings`, whose docstring says what each does. Solves are relative to
 # those of today, as a geometric mean. "Conv." and "wrong" count the runs that converged
 # and those that are wrong. (Measured on 2026-11-28, before `WEIGHED_WHERE_BENT`, which
 # the bent ridge of four storeys reads.)
@@ -136,25 +139,25 @@ idata = ef.to_inference_data(run)  # no discard
 # | | value | halved: solves | conv. | wrong | doubled: solves | conv. | wrong |
 # |---|---|---|---|---|---|---|---|
 # | today | | 1.00 | 10 | 0 | 1.00 | 10 | 0 |
-# | `run.SIZED_FOR` | 10000 | 0.72 | 10 | 0 | 1.10 | 10 | 0 |
+# | `Settings.sized_for` | 10000 | 0.72 | 10 | 0 | 1.10 | 10 | 0 |
 # | `advance.LOOK_FURTHER` | 1.15 | 0.95 | 10 | 0 | 0.98 | 10 | 0 |
-# | `advance.SD_AT_END` | 0.05 | 1.15 | 10 | 0 | 0.92 | 10 | 0 |
-# | `auto.LEAST_BUDGET` | 30000 | 1.13 | 10 | 0 | 1.00 | 10 | 0 |
-# | `auto.SEARCHED_SHARE` | 0.2 | 0.89 | 10 | 0 | 1.10 | 10 | 0 |
-# | `auto.MOST_SEARCHED` | 10000 | 0.78 | 10 | 0 | 1.00 | 10 | 0 |
+# | `Settings.sd_at_end` | 0.05 | 1.15 | 10 | 0 | 0.92 | 10 | 0 |
+# | `Settings.least_budget` | 30000 | 1.13 | 10 | 0 | 1.00 | 10 | 0 |
+# | `Settings.searched_share` | 0.2 | 0.89 | 10 | 0 | 1.10 | 10 | 0 |
+# | `Settings.most_searched` | 10000 | 0.78 | 10 | 0 | 1.00 | 10 | 0 |
 # | `auto.ROUND` | 300 | 0.87 | 10 | 0 | 0.98 | 10 | 0 |
 # | `auto.TRIED` | 800 | 0.98 | 10 | 0 | 1.06 | 10 | 0 |
-# | `auto.BENT` | 0.5 | 1.14 | 10 | 0 | 1.08 | 10 | 0 |
-# | `auto.INDEPENDENCE_SHARES` | several | 1.34 | 10 | 0 | 0.93 | 10 | 0 |
-# | `search.UNTESTED` | 2 | 1.00 | 10 | 0 | 1.02 | 10 | 1 |
-# | `search.FRUITLESS` | 4 | 1.19 | 9 | 1 | 1.00 | 10 | 0 |
-# | `search.SCAN_WIDENS` | 2 | 1.05 | 10 | 0 | 0.90 | 10 | 0 |
-# | `search.FIRST_DF` | 8 | 1.05 | 10 | 0 | 0.91 | 10 | 0 |
-# | `proposals.COVERS` | several | 0.95 | 10 | 0 | 1.01 | 10 | 0 |
-# | `proposals.DFS` | several | 1.00 | 10 | 0 | 1.20 | 9 | 0 |
-# | `proposals.LACK` | 2.5 | 1.04 | 10 | 0 | 0.99 | 10 | 0 |
-# | `proposals.HELD_BY_TERMS` | 0.08 | 1.04 | 10 | 0 | 1.01 | 10 | 0 |
-# | `proposals.RELEVANT` | 8 | 0.97 | 10 | 0 | 1.04 | 10 | 0 |
+# | `Settings.bent` | 0.5 | 1.14 | 10 | 0 | 1.08 | 10 | 0 |
+# | `Settings.independence_shares` | several | 1.34 | 10 | 0 | 0.93 | 10 | 0 |
+# | `Settings.untested` | 2 | 1.00 | 10 | 0 | 1.02 | 10 | 1 |
+# | `Settings.fruitless` | 4 | 1.19 | 9 | 1 | 1.00 | 10 | 0 |
+# | `explore.SCAN_WIDENS` | 2 | 1.05 | 10 | 0 | 0.90 | 10 | 0 |
+# | `maxima.FIRST_DF` | 8 | 1.05 | 10 | 0 | 0.91 | 10 | 0 |
+# | `proposal.DEFENCE` | several | 0.95 | 10 | 0 | 1.01 | 10 | 0 |
+# | `Settings.dfs` | several | 1.00 | 10 | 0 | 1.20 | 9 | 0 |
+# | `adapt.LACK` | 2.5 | 1.04 | 10 | 0 | 0.99 | 10 | 0 |
+# | `adapt.HELD_BY_TERMS` | 0.08 | 1.04 | 10 | 0 | 1.01 | 10 | 0 |
+# | `adapt.RELEVANT` | 8 | 0.97 | 10 | 0 | 1.04 | 10 | 0 |
 #
 # The last four rows were measured a day before, when runs ended at 50 autocorrelation
 # times, and so were the other numbers: 41 changed none of these runs; 66 changed solves
@@ -163,12 +166,12 @@ idata = ef.to_inference_data(run)  # no discard
 # ten storeys alone ({doc}`moves_measured`).
 #
 # No number is on an edge. Of the 48 changes of today, 46 leave all ten runs converged
-# and right. `FRUITLESS` halved or `UNTESTED` doubled makes the two equal: the search
-# ends before it asks for valleys, and one of two runs on ten modes is wrong. With `DFS`
+# and right. `fruitless` halved or `untested` doubled makes the two equal: the search
+# ends before it asks for valleys, and one of two runs on ten maxima is wrong. With `dfs`
 # doubled no tail is heavy enough for Student's t, which spends all 120,000 solves.
 #
-# A smaller search is cheaper (`SIZED_FOR`, `MOST_SEARCHED`, `SEARCHED_SHARE`), but none
-# of these targets hides a narrow mode that it would miss. A few percent are chance. So
+# A smaller search is cheaper (`sized_for`, `most_searched`, `searched_share`), but none
+# of these targets hides a narrow maximum that it would miss. A few percent are chance. So
 # the table says which numbers matter, not which values are best.
 #
 # Of the 41 numbers that change nothing here, 24 change something in cases of the tests:

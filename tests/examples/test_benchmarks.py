@@ -82,13 +82,13 @@ def test_constants(monkeypatch, capsys):
     """A search of fewer points takes fewer solves, one of more takes more."""
     constants = load("constants")
     monkeypatch.setattr(constants, "TARGETS", ("two springs",))
-    before = constants.MODULES["auto"].SEARCHED_SHARE
-    table = constants.main(1, ("SEARCHED_SHARE",))
+    before = constants.MODULES["auto"].SETTINGS
+    table = constants.main(1, ("searched_share",))
     today, row = table.rows
     assert today[2:] == (1.0, 1, 0, 0) * 2 and row[0] in capsys.readouterr().out
     assert table.column("half")[1] < 1 < table.column("double")[1]
     assert row[5] == row[9] == 1  # run that differs
-    assert constants.MODULES["auto"].SEARCHED_SHARE == before  # as it was
+    assert constants.MODULES["auto"].SETTINGS is before  # as it was
 
 
 HARD = load("hard_targets")
