@@ -92,3 +92,18 @@ def test_the_better_draft_finds_more_or_fits_better():
     assert good.reliable and 0.1 < good.acceptance < 0.5
     assert abs(good.log_evidence - LOG_Z) < 0.1
     assert good.is_better(far) and not far.reliable
+
+
+@pytest.mark.parametrize(("less", "better"), [(2.0, False), (0.5, True)])
+def test_a_close_fit_of_half_the_posterior_is_not_better(less, better):
+    """It may find less of the evidence by one at most."""
+    law, rng = student(0.0, 1.0), np.random.default_rng(5)
+    x = Proposal.fitted(law).law.draw(rng, 2_000)
+    log_q = Proposal.fitted(law).law.log_density(x)
+    found = []
+    for spread, lost in ((0.3, 0.0), (0.05, less)):
+        rows = np.stack([log_q - lost + rng.normal(0, spread, len(x)), log_q], axis=1)
+        found.append(Draft(Proposal.fitted(law), x, rows))
+    assert found[1].efficiency > found[0].efficiency
+    assert found[1].is_better(found[0]) == better
+    assert not found[0].is_better(found[1]) or not better
