@@ -10,7 +10,7 @@ from scipy import stats
 
 from ..posterior.log_posterior import LogPosterior
 from ..sampling.first_solve import doubt_units, is_constant, same_response
-from ..sampling.judge import ModeWeights
+from ..sampling.judge import MaximaWeights
 from ..sampling.record import Chains
 from ..sampling.verdict import (
     NO_CHAINS,
@@ -89,7 +89,7 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
     if chains.kind == "chain":
         diagnosis = measure(chains)
         about = judge_chains(diagnosis, chains.starts_given)
-        search = judge_search(diagnosis.modes, diagnosis.cures)
+        search = judge_search(diagnosis.maxima, diagnosis.cures)
     else:
         about, search = judge_without_chains(source, chains)
         nan: Any = np.full((1, len(chains.names)), np.nan)
@@ -101,20 +101,20 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
     return replace(diagnosis, chains=about, search=search, fit=fit)
 
 
-def judge_search(modes: ModeWeights | None, cures: Cures) -> Statement:
+def judge_search(maxima: MaximaWeights | None, cures: Cures) -> Statement:
     """Say what a search found, and how small a maximum it may have missed."""
-    if modes is None:
+    if maxima is None:
         sentence = "none: a maximum that no walker started near is not seen; "
         sentence += f"{cures.search} searches."
         return Statement(NOT_SEARCHED, "none", sentence)
-    count = len(modes.importance)
+    count = len(maxima.importance)
     short = "one maximum" if count == 1 else f"{count} maxima"
-    climbs, from_prior = modes.climbs
+    climbs, from_prior = maxima.climbs
     few = from_prior // HITS
     reached = f", and at which fewer than one climb in {few:,} ends," if few else ""
     sentence = (
-        f"{short}, by {modes.searched:,} points and {climbs:,} climbs. A maximum so "
-        f"small that fewer than one point in {modes.searched // HITS:,} falls near it"
+        f"{short}, by {maxima.searched:,} points and {climbs:,} climbs. A maximum so "
+        f"small that fewer than one point in {maxima.searched // HITS:,} falls near it"
         f"{reached} may be missing."
     )
     if count > 1:
@@ -123,7 +123,10 @@ def judge_search(modes: ModeWeights | None, cures: Cures) -> Statement:
             "them: report each with its weight."
         )
         i, j = np.triu_indices(count, 1)
-        weights, errors = modes.weights.mean(axis=0), modes.errors[i] + modes.errors[j]
+        weights, errors = (
+            maxima.weights.mean(axis=0),
+            maxima.errors[i] + maxima.errors[j],
+        )
         apart = np.abs(weights[i] - weights[j])
         equal = (apart < EQUAL_WITHIN * errors) & (errors < ERROR_OF_EQUAL)
         if equal.any():

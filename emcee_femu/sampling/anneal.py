@@ -77,7 +77,7 @@ def anneal(
     .. math:: p_j(\theta) \propto p(\theta) L(\theta)^{\beta_j}, \quad 0 = \beta_0 <
         \dots < \beta_m = 1
 
-    Use it for posteriors with several modes, for the evidence, or if many workers are
+    Use it for posteriors with several maxima, for the evidence, or if many workers are
     available: all members are evaluated in one batch, so up to ``size`` workers help.
     Each power takes up to 30 sweeps of ``size`` solves.
 
@@ -93,16 +93,16 @@ def anneal(
 
     The result is a population with equal weights, not a chain: R-hat and
     autocorrelation times have no meaning. Pass it to :func:`to_inference_data` for
-    tables and figures. A narrow mode is missed if no early member comes near it; a
-    larger size finds smaller modes.
+    tables and figures. A narrow maximum is missed if no early member comes near it; a
+    larger size finds smaller ones.
 
     No error of the evidence is given, and ``problems`` says why, in two cases. First,
     proposals fitted to the population at the last two powers have heavy-tailed weights
     (Pareto k above 0.7): they reach a region that the population is missing, such as
     the neck of a funnel. Second, the mean weight of the last proposals, a second
     estimate of the evidence, differs from the first by more than 2.5 standard errors:
-    at some power there were too few members, or they moved too slowly. A mode far from
-    all members remains undetected.
+    at some power there were too few members, or they moved too slowly. A maximum far
+    from all members remains undetected.
 
     Args:
         posterior: The posterior to sample.

@@ -297,7 +297,7 @@ def _record(
     return SearchRecord(
         mixture=law,
         kinds=draft.proposal.law_kinds,
-        mode_of=maximum_of,
+        maximum_of=maximum_of,
         weights=weights,
         errors=errors,
         found_by=found_by,

@@ -1,4 +1,4 @@
-"""The numbers of a verdict: R-hat, ESS, tau, scatter, waits, weights of modes.
+"""The numbers of a verdict: R-hat, ESS, tau, scatter, waits, weights of maxima.
 
 They lie below :func:`.run`, which may ask them. The only module that imports ArviZ,
 which takes seconds: it is imported where it is used.
@@ -120,7 +120,7 @@ def sizes_by_means(draws: Floats) -> tuple[Floats, Floats]:
     """Return bulk and tail ESS by how much the means over the walkers scatter."""
     scores = stats.rankdata(draws.reshape(-1, draws.shape[-1]), axis=0)
     scores = stats.norm.ppf((scores - 0.375) / (len(scores) + 0.25))
-    # Ranks make little of the gap between modes, over which the draws mix slowest.
+    # Ranks make little of the gap between maxima, over which the draws mix slowest.
     bulk = [size_by_means(values) for values in (draws, scores.reshape(draws.shape))]
     ends = np.quantile(draws, TAILS, axis=(0, 1, 2))
     tails = [size_by_means(1.0 * (draws <= end)) for end in ends]
@@ -187,15 +187,15 @@ def expected_acceptance(log_weights: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ModeWeights(Report):
-    """Separate modes of the posterior in the chain of ``run(..., "auto")``.
+class MaximaWeights(Report):
+    """Separate maxima of the posterior in the chain of ``run(..., "auto")``.
 
     Attributes:
-        weights: Share of each mode in each ensemble, ``(ensembles, g)``.
+        weights: Share of each maximum in each ensemble, ``(ensembles, g)``.
         errors: Standard errors of the weights of all ensembles together, ``(g,)``.
         importance: Weights by importance sampling, ``(g,)``; NaN if unknown.
         importance_errors: Their standard errors, ``(g,)``.
-        acceptance: Expected acceptance of frozen proposals from each mode, ``(g,)``;
+        acceptance: Expected acceptance of frozen proposals from each maximum, ``(g,)``;
             NaN if the chain has no draw there.
         mean_error: Standard error of each mean, in standard deviations, from the time
             that walkers wait for an accepted proposal at each place, ``(d,)``; NaN if
@@ -206,7 +206,7 @@ class ModeWeights(Report):
         chain_k: The same, from the draws of the chain.
         efficiency: Effective share of the proposal's draws.
         share: Share of the steps that use the proposal.
-        searched: Number of points in the search for modes.
+        searched: Number of points in the search for maxima.
         climbs: Number of climbs, and how many of them started from the prior.
     """
 
@@ -230,13 +230,13 @@ class ModeWeights(Report):
 
     @property
     def table(self) -> Table:
-        """One row per mode."""
-        n_modes = len(self.importance)
+        """One row per maximum."""
+        count = len(self.importance)
         ensembles = enumerate(self.weights, 1)
         return Table.from_columns(
-            f"Weights of {n_modes} separated modes",
+            f"Weights of {count} separated maxima",
             [
-                ("mode", "", range(1, n_modes + 1)),
+                ("maximum", "", range(1, count + 1)),
                 *((f"ensemble {e}", ".3f", row) for e, row in ensembles),
                 ("+-", ".3f", self.errors),
                 ("importance", ".3f", self.importance),
@@ -246,37 +246,37 @@ class ModeWeights(Report):
         )
 
 
-def weigh_modes(chains: Chains) -> ModeWeights | None:
-    """Return the modes in chains of "auto"; None for other chains."""
+def weigh_maxima(chains: Chains) -> MaximaWeights | None:
+    """Return the maxima in chains of "auto"; None for other chains."""
     search, draws = chains.search, chains.draws
     if search is None or draws.shape[-1] != search.mixture.means.shape[1]:
         return None
-    n_modes = len(search.weights)
+    count = len(search.weights)
     flat = draws.reshape(-1, draws.shape[-1])
     pieces = np.array_split(flat, -(-len(flat) // CHUNK))
     log_q = np.concatenate([search.mixture.log_density(x) for x in pieces])
     log_weights = chains.log_prob.reshape(-1) - log_q
     owner = np.concatenate([search.label(x) for x in pieces])
     labels = owner.reshape(draws.shape[:3])
-    indicators = 1.0 * (labels[..., None] == np.arange(n_modes))
+    indicators = 1.0 * (labels[..., None] == np.arange(count))
     accepted = expected_acceptance(log_weights)
-    counts = np.bincount(owner, minlength=n_modes)
-    with np.errstate(invalid="ignore"):  # of modes without a draw
-        acceptance = np.bincount(owner, accepted, n_modes) / counts
+    counts = np.bincount(owner, minlength=count)
+    with np.errstate(invalid="ignore"):  # of maxima without a draw
+        acceptance = np.bincount(owner, accepted, count) / counts
     # Draws of p, not of q, have the tail index k / (1 - k).
     k = pareto_k(log_weights[spread_out(len(flat), MOST_WEIGHED)])
     share = search.share * search.screened
     mean_error, sd_error = _errors(flat, accepted, share)
-    as_chains = indicators.transpose(1, 2, 0, 3).reshape(-1, len(draws), n_modes)
+    as_chains = indicators.transpose(1, 2, 0, 3).reshape(-1, len(draws), count)
     sizes = mean_sizes(as_chains)
     by_ensemble = indicators.mean(axis=(0, 2))
     total = by_ensemble.mean(axis=0)
     sizes = np.where(np.isfinite(sizes), sizes, labels.size)
-    # Of a mode without draws, or with nothing else, as if there were one other draw.
+    # Of a maximum without draws, or with nothing else, as if there were one other draw.
     variance = np.maximum(total * (1 - total), 1 / sizes)
-    return ModeWeights(
+    return MaximaWeights(
         weights=by_ensemble,
-        errors=np.sqrt(variance / sizes) * (n_modes > 1),
+        errors=np.sqrt(variance / sizes) * (count > 1),
         importance=search.weights,
         importance_errors=search.errors,
         acceptance=acceptance,

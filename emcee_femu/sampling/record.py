@@ -30,8 +30,12 @@ from .burn_in import find_burn_in
 from .proposal import Labels, assign
 from .response_surface import ResponseSurface
 
-JUMPS = 0.1  # of the DE-MC steps have gamma = 1
-HAMILTONIAN = 0.8  # of the moves where gradients do better
+# Fields of a record in files of version 0.5, which had other names.
+RENAMED = {"mode_of": "maximum_of"}
+# Share of the DE-MC steps with gamma = 1, which jump between maxima.
+JUMPS = 0.1
+# Share of Hamiltonian moves where gradients do better.
+HAMILTONIAN = 0.8
 STOPPED_BY_VERDICT, STOPPED_BY_SOLVES, STOPPED_BY_STEPS = "converged", "solves", "steps"
 # The same in words.
 ENDED = {
@@ -273,16 +277,16 @@ def about_box(log_box: float) -> Iterator[str]:
 class SearchRecord(Report):
     """The result of the search of "auto"; ``print`` it.
 
-    A mode here is a separate part of the posterior: one component of the proposal, or
-    several that overlap.
+    A maximum here is a separate part of the posterior: one component of the proposal,
+    or several that overlap.
 
     Attributes:
-        mixture: The frozen proposal; its last two components cover the others.
-        mode_of: The mode of each component, -1 for those that cover.
-        weights: Each mode's share of the posterior by importance sampling; NaN if
+        mixture: The frozen proposal; its defensive components cover the others.
+        maximum_of: The maximum of each component, -1 for defensive ones.
+        weights: Each maximum's share of the posterior by importance sampling; NaN if
             unknown.
         errors: Standard errors of the weights.
-        found_by: Climbs of each ensemble that ended in each mode, ``(ensembles, g)``.
+        found_by: Climbs of each ensemble that ended at each, ``(ensembles, g)``.
         starts: Share of each ensemble's walkers that start there, ``(ensembles, g)``.
         pareto_k: Pareto k of the proposal's importance weights.
         efficiency: Effective share of these weights.
@@ -305,7 +309,7 @@ class SearchRecord(Report):
     """
 
     mixture: Mixture
-    mode_of: Labels
+    maximum_of: Labels
     weights: Floats
     errors: Floats
     found_by: NDArray[np.intp]
@@ -374,11 +378,11 @@ class SearchRecord(Report):
     @property
     def sentence(self) -> str:
         """What was done, in words."""
-        modes = len(self.weights)
+        count = len(self.weights)
         parts = [f"{100 * s:.0f} % {type(m).__name__}" for m, s in self.moves(None)]
         return (
             f"a search by {self.points} points and {self.climbs} climbs found "
-            f"{'one mode' if modes == 1 else f'{modes} separated modes'}; "
+            f"{'one maximum' if count == 1 else f'{count} separated maxima'}; "
             f"{'an annealed population, ' if self.annealed else ''}"
             f"{len(self.mixture.weights)} Student-t components refined by importance "
             f"weights, {100 * self.efficiency:.0f} % efficient (Pareto k "
@@ -396,8 +400,8 @@ class SearchRecord(Report):
             yield self.table
 
     def label(self, theta: Floats) -> Labels:
-        """Return the mode of each point ``(n,)``."""
-        return assign(theta, self.mixture, self.mode_of)
+        """Return the maximum of each point ``(n,)``."""
+        return assign(theta, self.mixture, self.maximum_of)
 
     def to_json(self) -> dict[str, Any]:
         """Return the record as JSON types."""
@@ -411,7 +415,8 @@ class SearchRecord(Report):
         *lists, df = record["mixture"]
         weights, means, matrices = map(np.array, lists)
         mixture = Mixture(weights, means, matrices, df)
-        return cls(**_as_arrays(record | {"mixture": mixture}))
+        fields = {RENAMED.get(name, name): value for name, value in record.items()}
+        return cls(**_as_arrays(fields | {"mixture": mixture}))
 
 
 def _as_arrays(value: Any) -> Any:
@@ -465,7 +470,7 @@ def burn_in_of(backends: Sequence[Backend], betas: Floats) -> int:
 
 
 def weigh(labels: Labels, log_weights: Floats, count: int) -> tuple[Floats, Floats]:
-    """Return the weight of each mode by importance sampling, and standard errors."""
+    """Return the weight of each maximum by importance sampling, and standard errors."""
     if not np.isfinite(log_weights).any():
         return np.full(count, np.nan), np.full(count, np.nan)
     weights = softmax(log_weights)

@@ -96,7 +96,7 @@ def run(
         solves: Maximum number of solves, search included, if ``steps`` is None.
         ensembles: Number of independent ensembles, each with its own starts and
             random stream. Four are what R-hat needs to show that one of them missed
-            a mode.
+            a maximum.
         seed: A whole number.
         workers: Number of worker processes for the solves; None for none. They save
             time if a solve takes more than a millisecond. Most moves can use up to

@@ -14,7 +14,7 @@ from ..table import Parts, Report, Table
 from .importance import GOOD_K, are_reliable
 from .judge import (
     FEWEST_STEPS,
-    ModeWeights,
+    MaximaWeights,
     effective_sizes,
     excess_scatter,
     find_drift,
@@ -23,7 +23,7 @@ from .judge import (
     size_by_means,
     sizes_by_means,
     tau_by_ensemble,
-    weigh_modes,
+    weigh_maxima,
 )
 from .record import ENDED, Chains
 
@@ -42,7 +42,7 @@ SD_KNOWN_TO = 0.1  # relative standard error of a standard deviation
 ERRORS_APART = 4.0  # between two estimates of a weight
 SMALL_WEIGHT = 0.005  # a weight, or a difference of two, that does not matter
 WEIGHT_KNOWN_TO = 0.0125  # standard error of a weight: four of them are 0.05
-ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays in a mode
+ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays at a maximum
 MEAN_KNOWN_TO = 0.05  # sds, with the waits of walkers at places of poor acceptance
 STUCK_BY_CHANCE = 0.05  # walkers that may not have moved yet in a short chain
 CONVERGED, MIXED, NOT_CONVERGED = "converged", "well mixed", "not converged"
@@ -124,7 +124,7 @@ class Diagnosis(Report):
             ``(d,)``. It measures mixing, not convergence, because walkers depend on one
             another; NaN for a single walker.
         rhat_between: R-hat with each independent ensemble as one chain, ``(d,)``. It
-            reveals modes that some ensembles missed; NaN for a single ensemble.
+            reveals maxima that some ensembles missed; NaN for a single ensemble.
         sd_error: Relative standard error of the standard deviation, from the ESS of
             the squared deviations and their kurtosis, by the chain or by the search of
             "auto", or from the waits of walkers where its proposal lacks mass,
@@ -133,13 +133,13 @@ class Diagnosis(Report):
             relative to the limit that tau allows, ``(d,)``. Values above 1 are too
             large; NaN for fewer than three ensembles.
         failures: Number of rejected solves by cause (``run(on_failure="reject")``).
-        modes: The modes of the posterior and the quality of the frozen proposal, if
-            "auto" ran; printed if there are several modes.
+        maxima: The maxima of the posterior and the quality of the frozen proposal, if
+            "auto" ran; printed if there are several.
         chains: Whether the chains converged: "converged", "well mixed" (a single
             ensemble, or given starts) or "not converged", with the number of steps to
             run. For a population or weighted draws it is "none", and the numbers above
             are NaN.
-        search: "searched" or "not searched"; the maxima found, and how small a mode
+        search: "searched" or "not searched"; the maxima found, and how small a maximum
             may have been missed.
         fit: Whether the measurements lie inside the posterior predictive: "fits",
             "doubtful" (they do, but parameters are far from their prior, modes of the
@@ -162,7 +162,7 @@ class Diagnosis(Report):
     sd_error: Floats
     scatter: Floats
     failures: Mapping[str, int]
-    modes: ModeWeights | None = None
+    maxima: MaximaWeights | None = None
     chains: Statement = NOT_JUDGED
     search: Statement = NOT_JUDGED
     fit: Statement = NOT_JUDGED
@@ -216,8 +216,8 @@ class Diagnosis(Report):
     def _parts(self) -> Parts:
         if self.chains.status != NO_CHAINS:
             yield self.table
-        if self.modes is not None and len(self.modes.importance) > 1:
-            yield self.modes.table
+        if self.maxima is not None and len(self.maxima.importance) > 1:
+            yield self.maxima.table
         if np.isfinite(self.acceptance).all():
             yield (
                 f"Acceptance {self.acceptance.mean():.2f} (walkers "
@@ -263,7 +263,7 @@ def measure(chains: Chains) -> Diagnosis:
         within = np.max([rhat(walkers) for walkers in by_ensemble], axis=0)
     if n_ensembles > 1:
         between = rhat(by_ensemble.reshape(n_ensembles, -1, ndim))
-    modes = weigh_modes(chains)
+    maxima = weigh_maxima(chains)
     with np.errstate(divide="ignore", invalid="ignore"):
         steps_per_tau = steps / tau.max(axis=0)
         kurtosis = 1 + squares.var(axis=(0, 1, 2)) / squares.mean(axis=(0, 1, 2)) ** 2
@@ -271,8 +271,8 @@ def measure(chains: Chains) -> Diagnosis:
         if np.shape(seen) == kurtosis.shape:  # of a tail that chains may have missed
             kurtosis = np.fmax(kurtosis, seen)
         sd_error = 0.5 * np.sqrt((kurtosis - 1) / of_squares)
-        if modes is not None:
-            sd_error = np.fmax(sd_error, modes.sd_error)
+        if maxima is not None:
+            sd_error = np.fmax(sd_error, maxima.sd_error)
     return Diagnosis(
         names=chains.names,
         steps=steps,
@@ -286,7 +286,7 @@ def measure(chains: Chains) -> Diagnosis:
         rhat_between=between,
         sd_error=sd_error,
         scatter=scatter,
-        modes=modes,
+        maxima=maxima,
         failures=chains.failures,
         plain=chains.plain,
         stopped=chains.stopped,
@@ -320,7 +320,7 @@ def judge_chains(diagnosis: Diagnosis, starts_given: bool) -> Statement:
     if starts_given or count == 1:
         status, short = MIXED, "starts given" if count > 1 else "one ensemble"
         cure = "leave starts out" if count > 1 else diagnosis.cures.ensembles
-        words = f"{status}, but other modes would not be seen ({short}): {cure}"
+        words = f"{status}, but other maxima would not be seen ({short}): {cure}"
     sentence = (
         f"{words}; {diagnosis.steps_per_tau.min():.0f} autocorrelation times, ESS at "
         f"least {diagnosis.ess_bulk.min():,.0f}."
@@ -330,7 +330,7 @@ def judge_chains(diagnosis: Diagnosis, starts_given: bool) -> Statement:
 
 def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
     """Yield what speaks against the chains, the plainest first."""
-    names, stuck, modes = diagnosis.names, diagnosis.stuck, diagnosis.modes
+    names, stuck, maxima = diagnosis.names, diagnosis.stuck, diagnosis.maxima
     places = f"(ensemble, walker): {list(stuck[:5])}"
     sentence = f"they never moved, {places}; {diagnosis.cures.stuck}"
     complaint = f"{len(stuck)} walkers stuck", sentence, 0.0
@@ -363,52 +363,52 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
             bound = f"at {'least' if power < 0 else 'most'} {limit:.4g}"
             sentence = f"{what} of {names[worst]} is {values[worst]:.4g} ({bound})"
             if best and longer > MOST_LONGER:
-                cure = "take a TemperedMove" if modes else diagnosis.cures.search
-                sentence, longer = f"{sentence}, as between modes; {cure}", 0.0
+                cure = "take a TemperedMove" if maxima else diagnosis.cures.search
+                sentence, longer = f"{sentence}, as between maxima; {cure}", 0.0
             yield short, sentence, longer
     if stuck and by_chance >= STUCK_BY_CHANCE:
         yield complaint
-    if modes is not None:
-        yield from _weights(modes, diagnosis.acceptance.shape[1])
-        yield from _proposal(modes, diagnosis.steps)
+    if maxima is not None:
+        yield from _weights(maxima, diagnosis.acceptance.shape[1])
+        yield from _proposal(maxima, diagnosis.steps)
 
 
-def _weights(modes: ModeWeights, walkers: int) -> Iterator[Complaint]:
-    """Yield modes that are lost, weigh otherwise than they should, or are not known."""
-    chain, exact, error = modes.weights.mean(axis=0), modes.importance, modes.errors
-    best, apart = np.fmin(error, modes.importance_errors), np.abs(chain - exact)
-    both = np.hypot(error, modes.importance_errors)
+def _weights(maxima: MaximaWeights, walkers: int) -> Iterator[Complaint]:
+    """Yield maxima that are lost, or whose weight is wrong or not known."""
+    chain, exact, error = maxima.weights.mean(axis=0), maxima.importance, maxima.errors
+    best, apart = np.fmin(error, maxima.importance_errors), np.abs(chain - exact)
+    both = np.hypot(error, maxima.importance_errors)
     differ = apart > np.maximum(SMALL_WEIGHT, ERRORS_APART * both)  # never for NaN
-    for i, lost in enumerate((chain == 0) & modes.reached & ~(exact < SMALL_WEIGHT)):
-        stated = f"{exact[i]:.3f} (+- {modes.importance_errors[i]:.3f})"
+    for i, lost in enumerate((chain == 0) & maxima.reached & ~(exact < SMALL_WEIGHT)):
+        stated = f"{exact[i]:.3f} (+- {maxima.importance_errors[i]:.3f})"
         sentence = (
-            f"mode {i + 1}, where a search ended or a walker started, holds "
+            f"maximum {i + 1}, where a search ended or a walker started, holds "
             f"{chain[i]:.3f} (+- {error[i]:.3f}) of the chain, by importance sampling "
             f"{'what is not known' if np.isnan(exact[i]) else stated}"
         )
         if lost:
-            yield "a mode is lost", f"{sentence}; run nwalkers={2 * walkers}", 0.0
+            yield "a maximum is lost", f"{sentence}; run nwalkers={2 * walkers}", 0.0
         elif differ[i] or best[i] > WEIGHT_KNOWN_TO:
             longer = max(MUCH * differ[i], (best[i] / WEIGHT_KNOWN_TO) ** 2)
             yield f"weights {'disagree' if differ[i] else 'unknown'}", sentence, longer
 
 
-def _proposal(modes: ModeWeights, steps: int) -> Iterator[Complaint]:
+def _proposal(maxima: MaximaWeights, steps: int) -> Iterator[Complaint]:
     """Yield what is wrong with the frozen proposal, if steps are made with it."""
-    several, made = len(modes.importance) > 1, modes.share * steps
-    k = float(np.fmax(modes.pareto_k, modes.chain_k))
-    # Weights of modes are compared with those of the search, unless k is large.
-    if several and not are_reliable(k, modes.efficiency):
+    several, made = len(maxima.importance) > 1, maxima.share * steps
+    k = float(np.fmax(maxima.pareto_k, maxima.chain_k))
+    # Weights of maxima are compared with those of the search, unless k is large.
+    if several and not are_reliable(k, maxima.efficiency):
         yield "proposal too narrow", f"Pareto k is {k:.2f} (at most {GOOD_K})", MUCH
-    left = float(np.nanmin(modes.acceptance)) * made
+    left = float(np.nanmin(maxima.acceptance)) * made
     if several and made and left < ENOUGH_VISITS:
         sentence = (
-            f"in {steps} steps a walker leaves the worst mode {left:.1f} times (at "
+            f"in {steps} steps a walker leaves the worst maximum {left:.1f} times (at "
             f"least {ENOUGH_VISITS})"
         )
         longer = min(ENOUGH_VISITS / left, MOST_LONGER) if left else MOST_LONGER
         yield "proposal too narrow", sentence, longer
-    error = float(modes.mean_error.max())
+    error = float(maxima.mean_error.max())
     if error > MEAN_KNOWN_TO:  # never for NaN
         sentence = (
             f"waits of walkers make the error of a mean {error:.3f} sd (at most "

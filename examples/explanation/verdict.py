@@ -147,7 +147,7 @@ figure
 # the mass at z standard deviations, from which a proposal is accepted with probability a,
 # adds 2 m z^2 / (a n) to the squared error of a mean by n draws, and a quarter of
 # 2 m z^4 / (a n), nearly, to that of a standard deviation. So a long wait matters only
-# where much of a variance is. `diagnose(...).modes` has these numbers (`mean_error`,
+# where much of a variance is. `diagnose(...).maxima` has these numbers (`mean_error`,
 # `sd_error`); weights are printed if there are several separated modes (above).
 #
 # ## Search: what no diagnosis sees
@@ -159,7 +159,7 @@ figure
 # expected, the chance of none is 5 %.) The statement says how small that is:
 
 # %%
-points = good.modes.searched
+points = good.maxima.searched
 print(f"{points} points: a region of {3 / points:.1e} may be missed")
 
 # %% [markdown]
@@ -203,7 +203,7 @@ print(*(fill(sentence, 80) for sentence in said), sep="\n\n")
 # Vehtari et al. (2021), [doi:10.1214/20-BA1221](https://doi.org/10.1214/20-BA1221).
 
 # %% tags=["remove-cell"]
-assert good.converged and len(good.modes.importance) == 2
+assert good.converged and len(good.maxima.importance) == 2
 assert good.search.status == "searched" and good.fit.status == "fits"
 assert unfit.status == "does not fit" and all("rad/s" in s for s in said)
 expected = ["too short", "walkers stay apart", "ensembles disagree", "starts given"]

@@ -107,7 +107,7 @@ TABLES = {  # what a user prints, which has a table in its HTML
     "first look": "ef.find_map(posterior, seed=1)",
     "parameters": "ef.parameter_table(idata)",
     "diagnosis": "ef.diagnose(run)",
-    "weights": "ef.diagnose(run).modes",
+    "weights": "ef.diagnose(run).maxima",
     "identifiability": "ef.identifiability(idata)",
     "hyperpriors": "ef.population.NormalPopulation(['k1'])",
     "frf": "ef.frf.FRFMeasurements([1.0, 2.0], [[1j, 2j]], [(1, 2)], kind='mobility')",

@@ -31,7 +31,7 @@ def test_modes_that_change_places_are_named_where_they_do(found, tmp_path):
     (numbers,) = found.search.followed.values()
     assert sorted(numbers.tolist()) == [[1, 2], [2, 1]]
     swapped = 1 + int(np.argmax(numbers[:, 0]))
-    x = found.search.mixture.means[found.search.mode_of == swapped - 1]
+    x = found.search.mixture.means[found.search.maximum_of == swapped - 1]
     assert (x[:, 0] > x[:, 1]).all()  # against the order at the prior mean
     diagnosis = ef.diagnose(found)
     assert diagnosis.fit.status == "doubtful"

@@ -76,7 +76,7 @@ def test_a_healthy_run_is_converged_and_shows_its_modes(usual):
     found = ef.diagnose(as_arviz(usual, search=record()))
     assert found.converged and found.search.status == "searched"
     assert "one point in 166" in found.search.sentence
-    modes = found.modes
+    modes = found.maxima
     assert modes.weights.shape == (4, 2)
     # The switches have tau 3.
     expected = np.sqrt(WEIGHT * (1 - WEIGHT) * 3 / (4 * WALKERS * STEPS))
@@ -86,8 +86,8 @@ def test_a_healthy_run_is_converged_and_shows_its_modes(usual):
     assert modes.chain_k < 0.5 and (modes.acceptance > 0.7).all()
     assert str(modes.table) in str(found) and (found.scatter < 1).all()
     alone = ef.diagnose(as_arviz(usual, search=record(**ONE)))
-    assert alone.converged and str(alone.modes.table) not in str(alone)
-    assert ef.diagnose(usual).modes is None
+    assert alone.converged and str(alone.maxima.table) not in str(alone)
+    assert ef.diagnose(usual).maxima is None
 
 
 def third(weights, errors, **changes):
@@ -126,9 +126,9 @@ ONCE = {"starts": [[0.7, 0.25, 0.05]] + [[0.7, 0.3, 0]] * 3}
         ("proposal too narrow", record(share=0.05, mixture=THIN)),
         # A mode that no walker is in any more.
         ("converged", third([0.7, 0.296, 0.004], [0.01, 0.01, 5e-4])),
-        ("a mode is lost", third([0.7, 0.29, 0.01], [0.01, 0.01, 0.002])),
-        ("a mode is lost", third(*LOST)),
-        ("a mode is lost", third(*LOST, **NEVER, **ONCE)),
+        ("a maximum is lost", third([0.7, 0.29, 0.01], [0.01, 0.01, 0.002])),
+        ("a maximum is lost", third(*LOST)),
+        ("a maximum is lost", third(*LOST, **NEVER, **ONCE)),
         ("converged", third(*LOST, **NEVER)),
     ],
 )
@@ -136,12 +136,12 @@ def test_the_bounds_of_what_a_record_says(usual, short, found_so):
     found = ef.diagnose(as_arviz(usual, search=found_so))
     assert found.chains.short == short
     # Waits are not known of few proposals; the chain's own error always is.
-    assert np.isnan(found.modes.sd_error).all() == (found_so["share"] < 0.5)
+    assert np.isnan(found.maxima.sd_error).all() == (found_so["share"] < 0.5)
     assert np.isfinite(found.sd_error).all()
     if len(found_so["weights"]) == 3:
-        assert np.isnan(found.modes.acceptance[2])
+        assert np.isnan(found.maxima.acceptance[2])
         # As if there were one other draw.
-        assert_allclose(found.modes.errors[2], 1 / (4 * WALKERS * STEPS), rtol=1e-3)
+        assert_allclose(found.maxima.errors[2], 1 / (4 * WALKERS * STEPS), rtol=1e-3)
 
 
 def test_weights_that_differ_or_that_nobody_knows_well_are_not_converged():
@@ -153,7 +153,7 @@ def test_weights_that_differ_or_that_nobody_knows_well_are_not_converged():
     for stay, steps, ensembles in ((0.9, 1_200, 4), (0.94, 2_000, 2)):
         source = runs(stay=stay, steps=steps, ensembles=ensembles)
         found = ef.diagnose(as_arviz(source, search=unsure))
-        error = found.modes.errors[0]
+        error = found.maxima.errors[0]
         assert 0.008 < error < 0.02 and found.converged == (error < 0.0125)
     said = found.chains.sentence
     assert found.chains.short == "weights unknown"
@@ -181,7 +181,7 @@ def chains():
 def test_the_pareto_k_of_the_chain_is_that_of_the_proposal(chains, variance):
     """p is N(0, 1), q is N(0, v): of draws of q k is 1 - v."""
     found = ef.diagnose(held_to_a_gaussian(chains, variance))
-    assert_allclose(found.modes.chain_k, 1 - variance, atol=0.07)
+    assert_allclose(found.maxima.chain_k, 1 - variance, atol=0.07)
     # Tails of the second are left too seldom.
     reason = "sd unknown" if variance == 0.45 else "proposal too narrow"
     assert (reason in found.chains.reasons) == (variance != 0.8)
@@ -197,7 +197,7 @@ def test_a_walker_that_waits_matters_where_it_stays(chains, steps, place, short)
     found = ef.diagnose(held_to_a_gaussian(chains, 0.8 if steps > 1 else 0.3))
     assert found.rhat_between.max() < 1.01 and found.chains.short == short
     assert np.isinf(found.sd_error[0]) == (steps == 1)  # no number of them is enough
-    assert steps == 1 or found.modes.pareto_k < 0.5
+    assert steps == 1 or found.maxima.pareto_k < 0.5
 
 
 @pytest.mark.parametrize(
@@ -211,7 +211,7 @@ def test_a_needle_that_the_search_missed_and_walkers_do_not_leave(
     chains[2:, 700:, 3] *= 0.05
     higher[2:, 700:, 3] = height
     found = ef.diagnose(held_to_a_gaussian(chains, 0.9, higher, efficiency=0.95))
-    assert max(found.modes.pareto_k, found.modes.chain_k) < 0.5
+    assert max(found.maxima.pareto_k, found.maxima.chain_k) < 0.5
     assert found.rhat_between.max() < 1.01 and (found.scatter < 1).all()
     assert found.chains.short == short
 
@@ -220,7 +220,7 @@ def test_the_expected_acceptance_is_that_of_proposals():
     """Of q = N(0, 2 I) and p = N(0, I) in the plane, by draws of both."""
     rng, n = np.random.default_rng(2), 200_000
     chains = rng.normal(size=(2, 500, 8, 2))
-    found = ef.diagnose(held_to_a_gaussian(chains, 2.0)).modes
+    found = ef.diagnose(held_to_a_gaussian(chains, 2.0)).maxima
     log_weight = -0.25 * (chains.reshape(-1, 2) ** 2).sum(axis=1)
     proposed = -0.25 * 2.0 * (rng.normal(size=(n, 2)) ** 2).sum(axis=1)
     accepted = [np.exp(np.minimum(0, proposed - w)).mean() for w in log_weight[::40]]
@@ -241,7 +241,7 @@ def test_errors_by_waits_are_those_of_independence_chains(variance):
     claimed = []
     for run in range(4):
         ensembles = draws[:, run].reshape(steps, 4, 8, 2).swapaxes(0, 1)
-        modes = ef.diagnose(held_to_a_gaussian(ensembles, variance)).modes
+        modes = ef.diagnose(held_to_a_gaussian(ensembles, variance)).maxima
         claimed.append([modes.mean_error, modes.sd_error])
     runs = draws.swapaxes(0, 1).reshape(200, -1, 2)
     scatter = [runs.mean(axis=1).std(axis=0), runs.std(axis=1).std(axis=0)]
