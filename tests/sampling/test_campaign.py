@@ -45,7 +45,7 @@ def test_exploring_finds_both_maxima_and_fills_the_archive():
     np.testing.assert_allclose(tops, [0.0, FAR], atol=0.05)
     light = c.proposal.core.means[:, 0] > FAR / 2
     assert abs(c.proposal.core.weights[light].sum() / LIGHT - 1) < 0.05
-    assert np.sum(c.maxima.found_by) > 0.8 * c.maxima.climbs > 3  # most end at one
+    assert np.sum(c.maxima.found_by) == c.maxima.climbs > 2  # each ended at one
     assert c.points > 900 and len(c.archive.x) > 500
     assert c.evaluator.solves < c.ledger.end() < c.ledger.total
 
