@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from os import PathLike
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..contracts import Floats
-from ..evaluation.evaluator import Evaluation
+from ..evaluation.evaluator import Bar, Evaluation
 from ..evaluation.resume import StoredEvaluation, logger, open_evaluator
 from ..evaluation.samplers import (
     Sampler,
@@ -37,10 +37,14 @@ from .settings import SETTINGS
 
 # Part of few solves for whose chain a search is made; the search has half of them.
 SIZED_BY = 3
-FEWEST_SOLVES_OF_AUTO = 10_000  # of which a search has half
-# Solves that a run takes as a rule, and seconds above which that is said before.
-USUAL_SOLVES, LONG_RUN = 20_000, 600.0
-BRIEF = 3.0  # seconds of a solve below which a batch is solved to know them better
+# Solves of a run with a search at least, which has half of them.
+FEWEST_SOLVES_OF_AUTO = 10_000
+# Solves that a run takes as a rule.
+USUAL_SOLVES = 20_000
+# Seconds of a run above which its length is announced.
+LONG_RUN = 600.0
+# Seconds of a solve below which a batch is solved to know them better.
+BRIEF = 3.0
 
 
 def run(
@@ -172,65 +176,43 @@ def run(
     ensembles = checks.whole_number("ensembles", ensembles, 1)
     steps = None if steps is None else checks.whole_number("steps", steps, 1)
     ess = checks.real_number("ess", ess, 0.0)
-    fewest = FEWEST_SOLVES_OF_AUTO if moves == "auto" and steps is None else 1
-    solves = checks.whole_number("solves", solves, fewest)
+    solves = checks.whole_number(
+        "solves",
+        solves,
+        FEWEST_SOLVES_OF_AUTO if weighted is None and steps is None else 1,
+    )
     seed = checks.whole_number("seed", seed)
     thin_by = checks.whole_number("thin_by", thin_by, 1)
     progress = check_progress(progress)
     points = check_starts(starts, posterior, ensembles, nwalkers)
     in_file = resume or isinstance(backend, str | PathLike)
-    listed = [(f"{weight:g} x", move) for move, weight in weighted or ()]
-    betas = ladder_of([move for _, move in listed])
-    asked: dict[str, object] = {
-        "moves": listed or "auto",
-        "betas": betas if len(betas) > 1 else None,
-        "nwalkers": nwalkers,
-        "ensembles": ensembles,
-        "thin_by": thin_by,
-        "seed": seed,
-        "starts": points,
-    }
-    file, chains_in = (backend, None) if in_file else (None, backend)
-    backends = check_backends(chains_in, ensembles)
-    how = workers, pool, on_failure, max_failures, file, resume, probe_tolerance
+    backends = check_backends(None if in_file else backend, ensembles)
+    shape, each = (nwalkers, ensembles, seed), thin_by * nwalkers * ensembles
+    asked = _identify(weighted, points, shape, thin_by)
+    how = workers, pool, on_failure, max_failures, backend if in_file else None
     # 2. Open workers and file, and solve once.
-    with open_evaluator(posterior, asked, *how) as evaluator:
+    with open_evaluator(posterior, asked, *how, resume, probe_tolerance) as evaluator:
         store = evaluator.store if isinstance(evaluator, StoredEvaluation) else None
         seconds, doubts = check_first_solve(evaluator)
-        shape = nwalkers, ensembles, seed
         search: SearchRecord | None = None
-        each = thin_by * nwalkers * ensembles
-        if steps is None:
-            evaluations = min(SETTINGS.sized_for, solves // SIZED_BY)
-            most = min(budget_of(evaluations), solves // 2)
-        else:
-            evaluations = steps * each
-            most = budget_of(evaluations)
+        sizes = _size_search(steps, solves, each)
         if store is None or not store.lengths().get(1):
-            usual = evaluations * (2 if weighted is None else 1)
-            usual = USUAL_SOLVES if steps is None else usual
-            _warn_if_long(evaluator, seconds, usual)
+            _warn_if_long(
+                evaluator,
+                seconds,
+                sizes[0] * (2 if weighted is None else 1) if steps else USUAL_SOLVES,
+            )
         # 3. Search, or draw the starts.
         if weighted is None:
-            search, states = _search(
-                evaluator, store, shape, evaluations, most, points, progress
-            )
+            search, states = _search(evaluator, store, shape, *sizes, points, progress)
             weighted = search.moves(posterior.prior)
         else:
             states = draw_starts(evaluator, *shape, points)
         # 4. Make a sampler of each ensemble, or open what the file has of it.
-        parts = [evaluator.part() for _ in range(ensembles)]
-        own = [copy_moves(weighted) for _ in parts]
-        if store is not None:
-            chains = _open_chains(store, evaluator, parts, own, states, steps)
-            if search is not None:  # after the starts, which it promises
-                store["search"] = search.to_json()
-            states, backends = [one.get_last_sample() for one in chains], [*chains]
-        evaluator.solves += search.followed_in if search is not None else 0
-        samplers = [
-            Sampler(nwalkers, part, mine, chain)
-            for part, mine, chain in zip(parts, own, backends, strict=True)
-        ]
+        own = [copy_moves(weighted) for _ in backends]
+        samplers, states = _make_samplers(
+            evaluator, own, states, backends, steps, search
+        )
         record = Run(
             tuple(samplers),
             posterior,
@@ -246,26 +228,113 @@ def run(
         # 5. Sample. (emcee's own backends may be parts of one file.)
         together = ensembles > 1 and (backend is None or in_file)
         together &= evaluator.pool is not None and evaluator.pool.takes_turns
-        doubted = store is not None and any(foreign_moves(weighted))
-        fresh = weighted if doubted else None
-        walk = partial(sample_steps, samplers, thin_by, fresh, together)
-        try:
-            if steps is None:
-                stopped = sample_until(
-                    record, states, ess, solves, each, progress, walk
-                )
-            else:
-                bar = progress_bar(progress, steps * ensembles, "sampling")
-                walk(states, steps, bar)
-                stopped = STOPPED_BY_STEPS
-        except BaseException as error:  # also of the keyboard: nothing is lost
-            error.run = record  # type: ignore[attr-defined]
-            raise
+        walk = partial(
+            sample_steps, samplers, thin_by, _find_doubted(store, weighted), together
+        )
+        stopped = _sample(record, states, steps, (ess, solves, each), progress, walk)
         if store is not None:
             store["stopped"] = stopped
             # With the steps that it belongs to, for a run may go on.
             store["burn-in"] = [[samplers[0].iteration, record.burn_in]]
     return replace(record, stopped=stopped)
+
+
+def _sample(
+    record: Run,
+    states: Sequence[emcee.State],
+    steps: int | None,
+    until: tuple[float, int, int],
+    progress: bool | str,
+    walk: Callable[[Sequence[emcee.State], int, Bar], None],
+) -> str:
+    """Sample so many steps, or until the verdict is good; return why it ended.
+
+    An error has the run so far as its attribute.
+
+    Args:
+        record: The run.
+        states: Where each ensemble goes on from.
+        steps: Stored steps in the end; None to ask the verdict.
+        until: Effective samples, solves, and evaluations of a step for the verdict.
+        progress: How it is shown.
+        walk: What advances the samplers.
+    """
+    try:
+        if steps is None:
+            return sample_until(record, states, *until, progress, walk)
+        walk(states, steps, progress_bar(progress, steps * len(record), "sampling"))
+    except BaseException as error:  # also of the keyboard: nothing is lost
+        error.run = record  # type: ignore[attr-defined]
+        raise
+    return STOPPED_BY_STEPS
+
+
+def _find_doubted(store: Store | None, weighted: Weighted) -> Weighted | None:
+    """Return moves by which what they remember is checked; None if there is no need."""
+    return weighted if store is not None and any(foreign_moves(weighted)) else None
+
+
+def _identify(
+    weighted: Weighted | None,
+    points: Floats | None,
+    shape: tuple[int, int, int],
+    thin_by: int,
+) -> dict[str, object]:
+    """Return what makes a run the same one, by which its file is known."""
+    listed = [(f"{weight:g} x", move) for move, weight in weighted or ()]
+    betas = ladder_of([move for _, move in listed])
+    nwalkers, ensembles, seed = shape
+    return {
+        "moves": listed or "auto",
+        "betas": betas if len(betas) > 1 else None,
+        "nwalkers": nwalkers,
+        "ensembles": ensembles,
+        "thin_by": thin_by,
+        "seed": seed,
+        "starts": points,
+    }
+
+
+def _size_search(steps: int | None, solves: int, each: int) -> tuple[int, int]:
+    """Return for how many evaluations of the chain a search is made, and its budget."""
+    if steps is None:
+        evaluations = min(SETTINGS.sized_for, solves // SIZED_BY)
+        return evaluations, min(budget_of(evaluations), solves // 2)
+    return steps * each, budget_of(steps * each)
+
+
+def _make_samplers(
+    evaluator: Evaluation,
+    own: Sequence[Weighted],
+    states: list[emcee.State],
+    backends: Sequence[Backend | StoredChain | None],
+    steps: int | None,
+    search: SearchRecord | None,
+) -> tuple[list[Sampler], list[emcee.State]]:
+    """Return a sampler of each ensemble, and where it goes on from.
+
+    Args:
+        evaluator: What evaluates, and has the file where there is one.
+        own: The moves of each ensemble.
+        states: Where each starts, if a file does not say.
+        backends: Where each stores its steps, if not in a file.
+        steps: Stored steps in the end, None if not known.
+        search: What "auto" found, which a file keeps after the starts.
+    """
+    parts = [evaluator.part() for _ in own]
+    if isinstance(evaluator, StoredEvaluation):
+        store = evaluator.store
+        chains = _open_chains(store, evaluator, parts, own, states, steps)
+        if search is not None:  # after the starts, which it promises
+            store["search"] = search.to_json()
+        states, backends = [one.get_last_sample() for one in chains], chains
+    evaluator.solves += search.followed_in if search is not None else 0
+    nwalkers = len(states[0].coords)
+    samplers = [
+        Sampler(nwalkers, part, [*mine], chain)
+        for part, mine, chain in zip(parts, own, backends, strict=True)
+    ]
+    return samplers, states
 
 
 def _warn_if_long(evaluator: Evaluation, seconds: float, evaluations: int) -> None:
