@@ -140,6 +140,7 @@ def size_by_means(values: Floats) -> Floats:
 def find_drift(draws: Floats) -> int:
     """Return how many steps of a chain are still its way in, 0 where none are seen.
 
+    They are all of its steps if what follows :func:`.find_burn_in` drifts as well.
     The means of all series over the first half, quarter, eighth ... of the steps are
     compared with those over the second half, by the standard error that the second half
     claims for as many steps (the test of Geweke, 1992, for several lengths).
@@ -163,7 +164,8 @@ def find_drift(draws: Floats) -> int:
         with np.errstate(divide="ignore", invalid="ignore"):
             squares = apart**2 / (late.var(axis=(0, 1)) * share / sizes)
         if (squares > TAU_KNOWN_TO * least).any():  # never for NaN
-            return max(find_burn_in(draws), SHORTEST_DRIFT)
+            burn_in = max(find_burn_in(draws), SHORTEST_DRIFT)
+            return steps if find_drift(draws[burn_in:]) else burn_in
     return 0
 
 
