@@ -23,7 +23,7 @@ FEWEST_ENSEMBLES = 3  # of which the scatter is known
 FALSE_ALARM = 1e-4  # its probability, over all parameters
 TAU_KNOWN_TO = 1.5  # ratio by which a variance claimed from tau may be too small
 TAILS = (0.05, 0.95)
-SHORTEST_DRIFT = 4  # steps; the mean over fewer would say little
+SHORTEST_DRIFT = 4  # steps of a drift that is looked for
 MOST_WEIGHED = 20_000  # whose Pareto k is found
 CHUNK = 20_000
 MOST_BY_OTHERS = 0.5  # share of independence proposals; of fewer, others end waits
@@ -157,7 +157,9 @@ def find_drift(draws: Floats) -> int:
     while half >= SHORTEST_DRIFT:
         lengths.append(half)
         half //= 2
-    least = stats.chi2.isf(FALSE_ALARM / (m * max(len(lengths), 1)), 1)
+    # By F, since so few independent values tell the variance.
+    known = np.fmax(sizes * len(late) - 1, 1.0)
+    least = stats.f.isf(FALSE_ALARM / (m * max(len(lengths), 1)), 1, known)
     for length in lengths:
         apart = series[:length].mean(axis=(0, 1)) - late.mean(axis=(0, 1))
         share = 1 / length + 1 / len(late)
