@@ -215,6 +215,7 @@ def test_the_collinearity_of_phases_does_not_depend_on_the_unit_of_length():
 def test_the_scatter_of_repeats_does_not_depend_on_the_unit_of_length():
     rng = np.random.default_rng(3)
     tests = rng.normal(size=(5, 2)) + 0.05 * rng.normal(size=(6, 5, 2))
+    tests[:, 3:] = 20.0 * rng.normal(size=(6, 2, 2))  # rotations that tell nothing
     hertz = [1.0, 2.0] + 0.01 * rng.normal(size=(6, 2))
     metres, millimetres = (
         Measurements.from_repeats(hertz, factor * tests, dofs=MIXED)

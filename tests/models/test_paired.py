@@ -278,6 +278,14 @@ def test_a_mode_that_only_turns_is_paired_by_its_rotations():
     assert_allclose(ratio, expected, rtol=1e-3)
 
 
+def test_what_rounding_leaves_of_a_turning_mode_resembles_no_measured_shape():
+    bends = np.array([[1.0, 2.0, 0.5, 0.0]]).T
+    turns = np.array([[1e-16, 2e-16, 5e-17, 1.0]]).T
+    test = Measurements([1.0], bends, dofs=["1:uy", "2:uy", "3:uy", "3:rx"])
+    model = fixed([1.0, 2.0], np.hstack([turns, bends + 0.1])[None])
+    assert PairedModel(model, test)({}).model_mode.tolist() == [[2]]
+
+
 def test_rotations_follow_the_translations_by_which_close_modes_are_paired():
     shapes = random_shapes(5, 1, 8, 4)
     c, s = np.cos(0.6), np.sin(0.6)
