@@ -135,10 +135,11 @@ def at_bounds(values, low, high, before=None):
         "upper": [high, np.inf, np.inf],
     }
     draws = dict(zip(NAMES, np.moveaxis(z, -1, 0), strict=True))
-    groups = {"response": {"frequency": linear_frequencies(np.tanh(z))}}
+    by_mode = ("chain", "draw", "mode"), linear_frequencies(np.tanh(z))
+    groups = {"response": {"frequency": by_mode}}
     if before is not None:
         groups["prior"] = dict.fromkeys(NAMES, before[None])
-    idata = by_hand(draws, constants, **groups)
+    idata = by_hand(draws, constants, dims=(), **groups)
     found = ef.identifiability(idata)
     assert not found.pressed[1:].any() and (found.at_bound[1:] == 0).all()
     named = [text for text in found.findings if "is pressed against" in text]
