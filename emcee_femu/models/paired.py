@@ -128,6 +128,7 @@ class PairedModel:
         min_gap: float = 0.02,
     ) -> None:
         checks.function("model", model)
+        self.reference = reference
         if reference is not None:
             measurements = _solve_reference(model, measurements, reference)
         test = checks.instance("measurements", measurements, Measurements)
@@ -189,8 +190,11 @@ class PairedModel:
 
     def pair(self, response: Response) -> PairedSolution:
         """Return the modes of a response in the order of the measured ones."""
-        modes = self.read_candidates(response)
-        return self._solution(*self._pair(*modes))
+        return self.match(*self.read_candidates(response))
+
+    def match(self, frequencies: Floats, shapes: Floats) -> PairedSolution:
+        """Return the pairs among candidates, of sensor shapes ``(n, n_sensors, q)``."""
+        return self._solution(*self._pair(frequencies, shapes))
 
     def _pass_on(self, attribute: str) -> Differentiate | None:
         function = read_declared(self.model, attribute)  # goes to other processes
