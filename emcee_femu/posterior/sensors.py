@@ -55,7 +55,10 @@ class SuspectSensor:
         what, done = {
             TURNED: (f"sensor {names} seems to point the other way", TURNED),
             EXCHANGED: (f"sensors {names} seem to be exchanged", "exchanged back"),
-            GAIN: (f"sensor {names} seems to read {self.gain:.3g} times too much", "corrected"),
+            GAIN: (
+                f"sensor {names} seems to read {self.gain:.3g} times too much",
+                "corrected",
+            ),
         }[self.kind]
         macs = f"mean MAC {self.before:.3g}, {done} {self.after:.3g}"
         return f"{of * bool(self.experiment)}{what} ({macs})"
@@ -86,15 +89,15 @@ def suspect_sensors(
         names.append(experiment.name)
         tried = _try_sensors(paired, posterior, theta)
         solves = max(solves, len(theta))
-        if found := weigh_sensors(paired, *tried, experiment.name):
+        if found := weigh_sensors(paired, tried, experiment.name):
             draws = posterior.prior.sample(np.random.default_rng(0), DRAWS_ASKED)
             solves = len(theta) + DRAWS_ASKED
             try:
                 more = _try_sensors(paired, posterior, draws)
             except Exception:  # of any kind: it is the user's model that raised
                 more = tried
-            gains, macs = map(np.concatenate, zip(tried, more, strict=True))
-            found = weigh_sensors(paired, gains, macs, experiment.name)
+            both = map(np.concatenate, zip(tried, more, strict=True))
+            found = weigh_sensors(paired, tuple(both), experiment.name)
         suspects += found
     return suspects, names, solves
 
@@ -124,15 +127,18 @@ def list_alternatives(paired: PairedModel) -> list[Alternative]:
 
 def _try_sensors(
     paired: PairedModel, posterior: LogPosterior, theta: Floats
-) -> tuple[Floats, Floats]:
-    """Return gains ``(n, a)`` of alternatives, and MACs ``(n, 1 + a, n_modes)``.
+) -> tuple[Floats, Floats, Floats]:
+    r"""Return gains ``(n, a)`` of alternatives, and MACs ``(n, 1 + a, n_modes)``.
 
-    The first MACs are those of the test as it is.
+    The first MACs are those of the test as it is. Behind them stands the number of
+    sensors that move in each of its modes by the model, ``(n, n_modes)``,
+    :math:`(\sum_s \phi_s^2)^2 / \sum_s \phi_s^4`.
     """
     frequencies, shapes = paired.read_candidates(
         paired.model(posterior.parameters(theta))
     )
-    gains, macs = [], [paired.match(frequencies, shapes).mac]
+    solved = paired.match(frequencies, shapes)
+    gains, macs = [], [solved.mac]
     for kind, sensors in list_alternatives(paired):
         altered = shapes.copy()
         altered[:, [*sensors]] = shapes[:, [*sensors[::-1]]]
@@ -142,7 +148,10 @@ def _try_sensors(
         altered[:, sensors[0]] *= gain[:, None]
         gains.append(gain)
         macs.append(paired.match(frequencies, altered).mac)
-    return np.stack(gains, axis=1), np.stack(macs, axis=1)
+    squares = np.where(np.isfinite(paired.compared), solved.shapes, 0.0) ** 2
+    size = np.maximum((squares**2).sum(axis=1), np.finfo(float).tiny)
+    moving = squares.sum(axis=1) ** 2 / size
+    return np.stack(gains, axis=1), np.stack(macs, axis=1), moving
 
 
 def _fit_gain(
@@ -165,7 +174,7 @@ def _fit_gain(
 
 
 def weigh_sensors(
-    paired: PairedModel, gains: Floats, macs: Floats, experiment: str
+    paired: PairedModel, tried: tuple[Floats, ...], experiment: str
 ) -> list[SuspectSensor]:
     r"""Return what explains measured shapes best, if by more than chance.
 
@@ -175,31 +184,29 @@ def weigh_sensors(
     is the log Bayes factor of an alternative, if the errors of unit shapes are
     Gaussian, with a variance known to be near :math:`\delta^2` as from :math:`\nu_0`
     data. The alternatives share a prior probability of .01. A shape counts as one datum
-    less than sensors that move in it, :math:`(\sum_s \phi_s^4)^{-1}`. Alternatives
-    whose odds to the best are above 1 to 100 are returned with it.
+    less than sensors that move in it. Alternatives whose odds to the best are above 1
+    to 100 are returned with it.
 
     Args:
         paired: What pairs them.
-        gains: As of :func:`_try_sensors`.
-        macs: Likewise.
+        tried: Gains, MACs and moving sensors, as of :func:`_try_sensors`.
         experiment: The name of the experiment.
     """
+    gains, macs, moving = tried
     best = macs.mean(axis=2).argmax(axis=0)  # of the points, for each alternative
     before, after = np.split(macs[best, np.arange(len(best))], [1])
-    unit = np.nan_to_num(paired.compared)
-    unit = unit / np.linalg.norm(unit, axis=0)
     told = np.maximum(before, after) >= paired.min_mac  # others resemble nothing
     known = USUAL_WEIGHT * USUAL_ERROR**2
     lost, left = (known + (told * (1 - each)).sum(axis=1) for each in (before, after))
-    data = told @ (1 / (unit**4).sum(axis=0) - 1) + USUAL_WEIGHT
+    data = told @ np.maximum(moving[best[0]] - 1, 0) + USUAL_WEIGHT
     log_factors = 0.5 * data * np.log(lost / left)
     most = log_factors.max(initial=0.0)
     if most <= np.log(max(len(after), 1) / FAULTY):
         return []
     order = np.argsort(-log_factors)
     close = order[log_factors[order] > most + np.log(FAULTY)].tolist()
-    tried = list_alternatives(paired)
-    turned = {tried[i][1] for i in close if tried[i][0] == TURNED}
+    every = list_alternatives(paired)
+    turned = {every[i][1] for i in close if every[i][0] == TURNED}
     return [
         SuspectSensor(
             experiment,
@@ -209,7 +216,7 @@ def weigh_sensors(
             float(before.mean()),
             float(after[i].mean()),
         )
-        for i, (kind, sensors) in ((i, tried[i]) for i in close)
+        for i, (kind, sensors) in ((i, every[i]) for i in close)
         if kind != GAIN or sensors not in turned  # by -1: that is no other gain
     ]
 
