@@ -8,14 +8,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..contracts import Floats, Parameters, Response, find, modal_variables, read
 from ..measurements import Measurements, modes
-from .term import (
-    MODEL_ERROR,
-    MOST_RELATIVE,
-    Deviations,
-    Term,
-    choose_error,
-    error_array,
-)
+from .term import MODEL_ERROR, Deviations, Term, choose_error, error_array
 
 # Log-likelihood that an unpaired mode costs: as much as four standard deviations.
 UNPAIRED = 8.0
@@ -147,13 +140,6 @@ class FrequencyTerm(Term):
                 numbers = numbers / self.measured
             if error != "beta":
                 modes.doubt_percent(error, numbers, modes.LARGE_ERROR_PRIOR)
-            elif numbers.min() < MOST_RELATIVE**-2:
-                least = numbers.min()
-                raise ValueError(
-                    f"beta: expected at least {MOST_RELATIVE**-2:g}, got {least:g}, an "
-                    f"error of {100 * least**-0.5:.3g} %; it is relative_sd**-2, 2500 "
-                    "for 2 %"
-                )
             self.beta[:] = numbers if error == "beta" else numbers**-2
             self.beta[unknown] = np.inf  # the discrepancy is all of their error
         self.stated_sd = self.beta**-0.5

@@ -285,9 +285,8 @@ def shape_scatter(
     if tests.ndim != 3 or len(tests) != n_tests:
         expected = f"({n_tests} tests, n_sensors, {n_modes} modes)"
         raise ValueError(f"shapes: expected {expected}, got {tests.shape}")
-    known = labels is not None and len(labels) == tests.shape[1]
-    largest = np.abs(tests).max(axis=0)
-    alike = compares(largest, labels if known and labels else ())
+    known = labels is not None and len(labels) == tests.shape[1]  # else refused
+    alike = compares(np.abs(tests).max(axis=0), (labels or ()) if known else ())
     tests = tests / np.linalg.norm(tests * alike, axis=1, keepdims=True)
     mean, sd = np.zeros_like(tests[0]), np.zeros(tests[0].shape)
     for mode in range(n_modes):

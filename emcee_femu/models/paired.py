@@ -165,11 +165,6 @@ class PairedModel:
         self.geometry = read_declared(model, "geometry")
 
     @property
-    def compared(self) -> Floats:
-        """Measured shapes that a MAC compares, NaN elsewhere: a MAC has one unit."""
-        return self.measurements.compared
-
-    @property
     def jacobian(self) -> Differentiate | None:
         """Paired modes and their derivatives; None if the model has no ``jacobian``.
 

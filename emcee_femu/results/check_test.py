@@ -1,6 +1,7 @@
 """Whether a test holds a wrong sensor: turned round, exchanged, or of another gain."""
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -9,9 +10,16 @@ from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre
 from ..posterior.sensors import SuspectSensor, suspect_sensors
 from ..sampling.find_map import FoundMap
-from ..table import Column, Parts, Report, Table
+from ..table import Parts, Report
 from .arviz_objects import dataset, samples
 from .to_arviz import read_samples
+
+SUSPECT, CLEAR, NOT_CHECKED = "suspect", "nothing suspect", "not checked"
+SAID = {
+    CLEAR: "No sensor seems to be turned round, exchanged with another, or of another "
+    "gain: none of these explains the measured shapes better than chance does.",
+    NOT_CHECKED: "Not checked: no mode shapes were measured.",
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,32 +38,10 @@ class SensorCheck(Report):
     suspects: tuple[SuspectSensor, ...]
     solves: int
 
-    @property
-    def table(self) -> Table:
-        """The suspects, one row each."""
-        columns: list[Column] = [
-            ("seems to be", "", [s.kind for s in self.suspects]),
-            ("sensor", "", [", ".join(s.sensors) for s in self.suspects]),
-            ("gain", ".3g", [s.gain for s in self.suspects]),
-            ("mean MAC", ".3f", [s.before for s in self.suspects]),
-            ("put right", ".3f", [s.after for s in self.suspects]),
-        ]
-        if any(s.experiment for s in self.suspects):
-            columns.insert(0, ("experiment", "", [s.experiment for s in self.suspects]))
-        return Table.from_columns("Suspect sensors", columns)
-
     def _parts(self) -> Parts:
-        if self.suspects:
-            yield self.table
-            yield "Look at these sensors and their channels before you sample."
-        elif self.status == "not checked":
-            yield "Not checked: no mode shapes were measured."
-        else:
-            yield (
-                "No sensor seems to be turned round, exchanged with another, or of "
-                "another gain: none of these would make the shapes agree better with "
-                "the model than chance does."
-            )
+        if not self.suspects:
+            yield SAID[self.status]
+        yield from map(str, self.suspects)
 
 
 def check_test(source: object, posterior: LogPosterior | None = None) -> SensorCheck:
@@ -115,6 +101,7 @@ def check_test(source: object, posterior: LogPosterior | None = None) -> SensorC
         points = [draws[int(np.argmax(height.values))]]
     posterior = checks.instance("posterior", posterior, LogPosterior)
     theta = np.array([prior_centre(posterior.prior), *points])
-    suspects, names, solves = suspect_sensors(posterior, theta)
-    status = "suspect" if suspects else "nothing suspect" if names else "not checked"
-    return SensorCheck(status, tuple(suspects), solves)
+    found, solves = suspect_sensors(posterior, theta)
+    suspects = tuple(chain.from_iterable(found))
+    status = SUSPECT if suspects else CLEAR if found else NOT_CHECKED
+    return SensorCheck(status, suspects, solves)

@@ -450,30 +450,20 @@ def _find_density(
     arguments are those of :func:`_describe`.
     """
     positive = bounds[:, 0] >= 0
-    with np.errstate(
-        divide="ignore", invalid="ignore"
-    ):  # of zero, and other parameters
+    shares = np.linspace(0, 1, PARTS + 1)[1:]
+    with np.errstate(divide="ignore", invalid="ignore"):  # of what is zero or infinite
         ends, before, draws = (
             np.where(positive, np.log(x), x) for x in (bounds.T, before, draws)
         )
-        wide = np.ptp(ends, axis=0)
-    known = np.isfinite(ends) & ((bounds.T != 0) | positive)
-    at_bound = np.zeros(ends.shape)
-    pressed = np.zeros(ends.shape, dtype=bool)
-    shares = np.linspace(0, 1, PARTS + 1)[1:]
-    for side, i in np.argwhere(known):
-        away = np.abs(draws[:, i] - ends[side, i])
-        edges = np.quantile(away, shares, weights=weights, method="inverted_cdf")
-        widths = np.diff(edges, prepend=0.0)
-        if not widths[0] > 0:  # part of the draws are on the bound
-            at_bound[side, i], prior = 1.0, 0.0
-        else:
-            at_bound[side, i] = widths.min() / widths[0]
-            near = np.abs(before[:, i] - ends[side, i]) <= edges[0]
-            unknown = np.isnan(before[:, i]).any()  # then the prior may be uniform
-            prior = edges[0] / wide[i] if unknown else near.mean()
-        pressed[side, i] = at_bound[side, i] >= AT_THE_HIGHEST
-        pressed[side, i] &= PREFERRED * prior <= shares[0]
+        ends[~positive & (bounds.T == 0)] = np.inf  # as nature's is by logarithms
+        away = np.abs(draws - ends[:, None])  # (2, n, d)
+        edges = np.quantile(away, shares, 1, weights=weights, method="inverted_cdf")
+        widths = np.diff(edges, axis=0, prepend=0.0)
+        at_bound = np.nan_to_num(widths.min(axis=0) / widths[0])
+        near = np.abs(before - ends[:, None]) <= edges[:1].swapaxes(0, 1)
+        flat = edges[0] / np.ptp(ends, axis=0)  # where the prior is not known
+        prior = np.where(np.isnan(before).any(axis=0), flat, near.mean(axis=1))
+    pressed = (at_bound >= AT_THE_HIGHEST) & (PREFERRED * prior <= shares[0])
     return at_bound.T, pressed.T
 
 

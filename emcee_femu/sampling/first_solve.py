@@ -3,6 +3,7 @@
 import time
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 
 import emcee
 import numpy as np
@@ -12,7 +13,7 @@ from ..evaluation.evaluator import Evaluation
 from ..evaluation.resume import StoredEvaluation
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre, summarize_prior
-from ..posterior.sensors import in_words, suspect_sensors
+from ..posterior.sensors import suspect_sensors
 
 FAR_RATIO = 3.0  # median ratio to what was measured, or its inverse, which is suspected
 LIKE_TURN = 1.25  # ratio to 2 pi up to which it is taken for one
@@ -82,11 +83,10 @@ def _compare(evaluation: Evaluation) -> tuple[int, list[str], float]:
     solves = int(np.count_nonzero(rows[:, 1] > -np.inf))
     doubts = doubt(posterior, posterior.unfold(rows)) + slips
     if solves:
-        try:
-            suspects, _, more = suspect_sensors(posterior, centre)
-        except Exception:  # of any kind, as above
-            suspects, more = [], 0
-        doubts, solves = doubts + in_words(suspects), solves + more
+        with suppress(Exception):  # of any kind, as below
+            found, more = suspect_sensors(posterior, centre)
+            doubts += ["; or ".join(map(str, alike)) for alike in found if alike]
+            solves += more
     return solves, doubts, seconds
 
 
