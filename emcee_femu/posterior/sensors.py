@@ -25,7 +25,7 @@ WORDS = {
     EXCHANGED: "sensors {} seem to be exchanged",
     GAIN: "sensor {} seems to read {:.3g} times what it should",
 }
-FAULTY = 0.01  # prior probability that a test has a wrong sensor
+FAULTY = 0.05  # prior probability that a test has a wrong sensor
 # What shapes of unit length usually miss at a sensor, by noise and by the model. It
 # counts like so many data: few sensors, or a lucky small misfit, then decide nothing.
 USUAL_ERROR = 0.03
@@ -163,9 +163,9 @@ def weigh_sensors(
 
     is the log Bayes factor of an alternative, if the errors of unit shapes are
     Gaussian, with a variance known to be near :math:`\delta^2` as from :math:`\nu_0`
-    data. The alternatives share a prior probability of .01. A shape counts as one datum
+    data. The alternatives share a prior probability of .05. A shape counts as one datum
     less than sensors that move in it. Alternatives whose odds to the best are above 1
-    to 100 are returned with it.
+    to 20 are returned with it.
 
     Args:
         paired: What pairs them.

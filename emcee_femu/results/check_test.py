@@ -56,7 +56,7 @@ def check_test(source: object, posterior: LogPosterior | None = None) -> SensorC
 
     By chance means: if the errors of unit shapes, of noise and model together, are near
     3 % at a sensor, the odds that one sensor is wrong must be above one, when one test
-    in a hundred has such a sensor. The errors stated in a :class:`ShapeTerm` are not
+    in twenty has such a sensor. The errors stated in a :class:`ShapeTerm` are not
     used. Two wrong sensors at once are named only if putting one right helps by itself.
 
     Args:
