@@ -14,14 +14,14 @@ import numpy as np
 from emcee.backends import Backend
 
 from .. import checks
-from ..contracts import Floats, Move
+from ..contracts import Move
 from ..evaluation.pools import unwrap
 from ..evaluation.resume import LOG_BOX
 from ..evaluation.samplers import describe_moves, moves_of
 from ..evaluation.store import Store, StoredChain
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
-from ..sampling.record import Chains, Run, SearchRecord, read_backends
+from ..sampling.record import Chains, Run, SearchRecord, burn_in_of, read_backends
 from .arviz_objects import InferenceData, dataset, is_arviz, samples
 
 # Attributes of ArviZ objects, in words.
@@ -35,7 +35,7 @@ STORED = (
 def read_chains(
     source: object,
     posterior: LogPosterior | None = None,
-    discard: int = 0,
+    discard: int | None = None,
     thin: int = 1,
     *,
     blobs: bool = False,
@@ -51,7 +51,8 @@ def read_chains(
         source: What :func:`run` or :func:`anneal` returned; emcee samplers or backends,
             one or several; the name of a run's file; or an ArviZ object.
         posterior: What was sampled, where the source does not know it.
-        discard: Stored steps to drop as burn-in.
+        discard: Stored steps to drop as burn-in. None for those of a run, in memory or
+            in a file, and for none of other sources.
         thin: Keep every ``thin``-th stored step; of an ArviZ object all are kept.
         blobs: Whether to read them too.
         hot: Whether to keep the hot walkers of a tempered run.
@@ -61,7 +62,8 @@ def read_chains(
         TypeError: If it is nothing of all this.
         ValueError: If no steps are left.
     """
-    discard = checks.whole_number("discard", discard)
+    if discard is not None:
+        discard = checks.whole_number("discard", discard)
     thin = checks.whole_number("thin", thin, 1)
     if posterior is not None:
         checks.instance("posterior", posterior, LogPosterior)
@@ -74,8 +76,8 @@ def read_chains(
         held: Chains = as_chains()
         return replace(held, posterior=posterior)
     if is_arviz(source):
-        return _of_arviz(source, posterior, discard)
-    read = partial(read_backends, discard=discard, thin=thin, blobs=blobs, hot=hot)
+        return _of_arviz(source, posterior, discard or 0)
+    read = partial(read_backends, thin=thin, blobs=blobs, hot=hot)
     if isinstance(source, str | os.PathLike):
         try:
             store = Store(os.fspath(source), read_only=True)
@@ -99,7 +101,10 @@ def read_chains(
         if posterior is None and isinstance(function, LogPosterior):
             posterior = function
         names, weighted = _given_names(samplers[0]), moves_of(samplers[0])
-    chains = read(backends, ladder_of([move for move, _ in weighted]))
+    if discard is None:
+        discard = source.burn_in if isinstance(source, Run) else 0
+    betas = ladder_of([move for move, _ in weighted])
+    chains = read(backends, betas, discard=discard)
     d = chains.draws.shape[-1]
     if posterior is not None and posterior.ndim == d:
         names = posterior.names
@@ -139,8 +144,8 @@ def _given_names(sampler: emcee.EnsembleSampler) -> tuple[str, ...]:
 def _of_file(
     store: Store,
     posterior: LogPosterior | None,
-    discard: int,
-    read: Callable[[Sequence[Backend], Floats], Chains],
+    discard: int | None,
+    read: Callable[..., Chains],
 ) -> Chains:
     """Return the chains in the file of a run, finished or not."""
     manifest, search = store["manifest"], store["search"]
@@ -149,13 +154,18 @@ def _of_file(
         raise ValueError(f"source: {store.path} holds no chain (yet)")
     (_, doubts, _), row = store["first solve"], store["first row"]
     stored = [StoredChain(store, stream - 1) for stream in streams]
-    # The ensembles run one after another: those that have begun are compared.
-    begun = [chain for chain in stored if chain.iteration > discard]
     betas = np.array(manifest.get("betas") or [1.0])
+    # The ensembles run one after another: those that have begun are compared.
+    begun = [chain for chain in stored if chain.iteration > (discard or 0)] or stored
+    if discard is None:
+        steps = min(chain.iteration for chain in begun)
+        discard = dict(store["burn-in"] or ()).get(steps)
+    if discard is None:  # a run that goes on, or of an older version
+        discard = 0 if search else burn_in_of(begun, betas)
     search = None if search is None else SearchRecord.from_json(search)
     moves = "; ".join(map(" ".join, manifest["moves"]))
     return replace(
-        read(begun or stored, betas),
+        read(begun, betas, discard=discard),
         names=tuple(manifest["parameters"]),
         posterior=posterior,
         search=search,
@@ -202,5 +212,7 @@ def _of_arviz(
     if told.get("search") is not None:
         told["search"] = SearchRecord.from_json(told["search"])
     told["betas"] = np.array(told.get("betas", [1.0]))
+    attributes = group.attrs
+    told["discard"] = attributes.get("discard", 0) + discard * attributes.get("thin", 1)
     known = tuple(names), draws[discard:], log_prob[discard:], fractions.reshape(shape)
     return Chains(*known, posterior=posterior, **told)

@@ -43,7 +43,7 @@ NO_DATA = "no term says what was measured; a bare log-likelihood cannot"
 NOT_KNOWN = "to_inference_data(source, posterior) has the data of a LogPosterior"
 
 
-def diagnose(source: object, discard: int = 0) -> Diagnosis:
+def diagnose(source: object, discard: int | None = None) -> Diagnosis:
     """Judge a run: whether chains converged, what was searched, whether the model fits.
 
     Use it after every :func:`run`, before you read any result. It makes three separate
@@ -63,7 +63,8 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
             emcee samplers of one posterior, the name of a run's file, or an ArviZ
             object made from any of these, whose steps are those left after its own
             ``discard`` and ``thin``.
-        discard: Number of stored steps to drop as burn-in.
+        discard: Number of stored steps to drop as burn-in. None for those that a run
+            by given moves found itself (``run.burn_in``), and for none of other sources.
 
     Returns:
         Numbers and three statements; ``print`` it.
@@ -87,7 +88,7 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
     chains = read_chains(source, discard=discard)
     if chains.kind == "chain":
         diagnosis = measure(chains)
-        about = judge_chains(diagnosis, chains.starts_given, discard)
+        about = judge_chains(diagnosis, chains.starts_given)
         search = judge_search(diagnosis.modes, diagnosis.cures)
     else:
         about, search = judge_without_chains(source, chains)
@@ -96,7 +97,7 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
         numbers = nan, *3 * [nan[0]], nan[:, :1], (), *4 * [nan[0]]
         measured = chains.names, len(chains.draws), *numbers, chains.failures
         diagnosis = Diagnosis(*measured)
-    fit = judge_fit(source, chains, discard)
+    fit = judge_fit(source, chains)
     return replace(diagnosis, chains=about, search=search, fit=fit)
 
 
@@ -154,15 +155,14 @@ def judge_without_chains(
     return Statement(NO_CHAINS, NO_CHAINS, f"{NO_CHAINS}, but {words}"), search
 
 
-def judge_fit(source: InferenceData, chains: Chains, discard: int) -> Statement:
+def judge_fit(source: InferenceData, chains: Chains) -> Statement:
     """Say whether the measurements lie inside the posterior predictive.
 
     Args:
         source: What holds chains.
         chains: The chains that were read from it.
-        discard: Number of stored steps that were dropped.
     """
-    idata = _read(source, chains, discard)
+    idata = _read(source, chains)
     parts = [] if idata is None else read_measured(idata)
     drawn = [(part, part.replicated) for part in parts if part.replicated is not None]
     if not drawn:
@@ -218,14 +218,16 @@ def judge_fit(source: InferenceData, chains: Chains, discard: int) -> Statement:
     return Statement("does not fit", short, sentence)
 
 
-def _read(source: InferenceData, chains: Chains, discard: int) -> InferenceData | None:
+def _read(source: InferenceData, chains: Chains) -> InferenceData | None:
     """Return samples with their response, None where nothing is known of it."""
     if is_arviz(source):
-        return source.isel(draw=slice(discard, None)) if discard else source
+        there = len(dataset(source, "posterior")["draw"])
+        left_out = there - len(chains.draws)
+        return source.isel(draw=slice(left_out, None)) if left_out else source
     if chains.posterior is None:
         return None
     thin = min(len(chains.draws), -(-chains.log_prob.size // ENOUGH_PREDICTED))
-    return read_samples(source, None, discard, thin)[0]
+    return read_samples(source, None, chains.discard, thin)[0]
 
 
 def _find_swaps(chains: Chains) -> Iterator[str]:

@@ -61,7 +61,7 @@ class Evidence(Report):
             yield f"{self.failed_solves} solves failed: {meaning}."
 
 
-def log_evidence(source: object, discard: int = 0) -> Evidence:
+def log_evidence(source: object, discard: int | None = None) -> Evidence:
     r"""Estimate the log evidence of a model class by bridge sampling.
 
     .. math:: \ln Z = \sum_t \ln \frac{Z_t}{Z_{t+1}}, \qquad
@@ -100,7 +100,7 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
             or with "auto"; one of its samplers; the name of its file; or the ArviZ
             object of an "auto" run, even from a netCDF file. For the result of
             :func:`anneal`, its own estimate is returned.
-        discard: Number of stored steps to drop as burn-in.
+        discard: Number of stored steps to drop as burn-in. None for those of the run.
 
     Returns:
         The estimate, its standard error and any problems; ``print`` it.
@@ -144,7 +144,7 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
             "source: a log-posterior is not finite; start elsewhere, or discard more"
         )
     cold = read_chains(source, discard=discard)
-    about = judge_chains(measure(cold), cold.starts_given, discard)
+    about = judge_chains(measure(cold), cold.starts_given)
     failed = sum(chains.failures.values())
     overlaps, method = np.empty(0), "by a bridge from the frozen proposal"
     if chains.search is not None:

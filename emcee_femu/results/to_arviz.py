@@ -32,7 +32,7 @@ PREDICTIVE_DRAWS = 500  # which ArviZ draws in seconds
 def to_inference_data(
     source: object,
     posterior: LogPosterior | None = None,
-    discard: int = 0,
+    discard: int | None = None,
     thin: int = 1,
     names: Sequence[str] | None = None,
     term: str | None = None,
@@ -88,7 +88,9 @@ def to_inference_data(
             yet, and gives the groups ``prior``, ``prior_predictive``,
             ``observed_data`` and ``constant_data``.
         posterior: The sampled posterior, if the source does not hold it.
-        discard: Number of stored steps to drop as burn-in.
+        discard: Number of stored steps to drop as burn-in. None for those that a run
+            by given moves found itself (``run.burn_in``), and for none of other
+            sources. ``attrs["discard"]`` has the number.
         thin: Keep every ``thin``-th stored step.
         names: Parameter names for a sampler without a LogPosterior; ``theta1`` and so
             on by default.
@@ -146,7 +148,7 @@ def to_inference_data(
             raise ValueError(f"names: {list(chains.names)} are known; leave it out")
         if len(names) != (d := len(chains.names)):
             raise ValueError(f"names: expected one for each of {d} parameters")
-        data = convert(replace(chains, names=names), discard, thin, term)
+        data = convert(replace(chains, names=names), thin, term)
     if not count:
         return data
     posterior = checks.instance("posterior", posterior, LogPosterior)
@@ -164,7 +166,7 @@ def to_inference_data(
 def read_samples(
     source: object,
     posterior: LogPosterior | None = None,
-    discard: int = 0,
+    discard: int | None = None,
     thin: int = 1,
     argument: str = "idata",
     term: str | None = None,
@@ -177,8 +179,8 @@ def read_samples(
         chains = read_chains(
             source, posterior, discard, thin, blobs=True, argument=argument
         )
-        return convert(chains, discard, thin, term), chains.posterior
-    if (discard, thin, term) != (0, 1, None):
+        return convert(chains, thin, term), chains.posterior
+    if (discard or 0, thin, term) != (0, 1, None):
         raise ValueError(
             "discard, thin, term: expected 0, 1 and None for an ArviZ object, got "
             f"{discard}, {thin} and {term!r}; select its draws by isel(draw=...), and "
@@ -199,9 +201,7 @@ def check_sampled(posterior: LogPosterior, names: Sequence[str]) -> None:
         )
 
 
-def convert(
-    chains: Chains, discard: int = 0, thin: int = 1, term: str | None = None
-) -> InferenceData:
+def convert(chains: Chains, thin: int = 1, term: str | None = None) -> InferenceData:
     """Return the ArviZ object of chains, or of what was measured for one term."""
     draws, posterior = chains.draws, chains.posterior
     if term is not None:
@@ -212,7 +212,7 @@ def convert(
         "sample_stats": {"lp": Labelled(chains.log_prob, ONE_NUMBER)},
     }
     attributes = {
-        "discard": discard,
+        "discard": chains.discard,
         "thin": thin,
         "inference_library": "emcee",
         "inference_library_version": emcee.__version__,
@@ -238,7 +238,7 @@ def convert(
         parts["blobs"] = _name_blobs(chains.blobs)
     steps, ensembles, walkers, _ = draws.shape
     coords = {
-        "step": ("draw", discard + thin * (1 + np.arange(steps)) - 1),
+        "step": ("draw", chains.discard + thin * (1 + np.arange(steps)) - 1),
         "ensemble": ("chain", np.repeat(np.arange(ensembles), walkers)),
         "walker": ("chain", np.tile(np.arange(walkers), ensembles)),
     }

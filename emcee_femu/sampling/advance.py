@@ -10,7 +10,14 @@ import numpy as np
 from ..evaluation.evaluator import Bar, Evaluation
 from ..evaluation.samplers import Sampler, Weighted, caption, progress_bar, take_turns
 from ..moves.proposing import ladder_of
-from .record import STOPPED_BY_SOLVES, STOPPED_BY_VERDICT, Run, read_backends
+from .judge import FEWEST_STEPS
+from .record import (
+    STOPPED_BY_SOLVES,
+    STOPPED_BY_VERDICT,
+    Run,
+    burn_in_of,
+    read_backends,
+)
 from .verdict import NOT_CONVERGED, judge_chains, measure
 
 # Without steps= the verdict is asked first at so many steps, a little more than the 25
@@ -80,13 +87,17 @@ def sample_until(
 def _ask(record: Run, ess: float) -> tuple[bool, str]:
     """Return whether chains converged and are long enough, and that in words."""
     betas = ladder_of([move for move, _ in record.moves])
+    backends = [sampler.backend for sampler in record]
+    burn_in = 0 if record.search else burn_in_of(backends, betas)
+    if min(sampler.iteration for sampler in record) - burn_in < FEWEST_STEPS:
+        return False, "sampling"
     chains = replace(
-        read_backends([sampler.backend for sampler in record], betas),
+        read_backends(backends, betas, discard=burn_in),
         names=record.posterior.names,
         search=record.search,
     )
     diagnosis = measure(chains)
-    chain = judge_chains(diagnosis, record.starts_given, 0)
+    chain = judge_chains(diagnosis, record.starts_given)
     least = np.nan_to_num([diagnosis.ess_bulk, diagnosis.ess_tail]).min()
     known = chain.status != NOT_CONVERGED and least >= ess
     known &= not (diagnosis.sd_error > SD_AT_END).any()

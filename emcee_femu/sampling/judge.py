@@ -15,6 +15,7 @@ from scipy import stats
 
 from ..contracts import Floats
 from ..table import Parts, Report, Table
+from .burn_in import find_burn_in, means_over_walkers
 from .importance import pareto_k
 from .record import Chains
 
@@ -23,6 +24,7 @@ FEWEST_ENSEMBLES = 3  # of which the scatter is known
 FALSE_ALARM = 1e-4  # its probability, over all parameters
 TAU_KNOWN_TO = 1.5  # ratio by which a variance claimed from tau may be too small
 TAILS = (0.05, 0.95)
+SHORTEST_DRIFT = 4  # steps; the mean over fewer would say little
 MOST_WEIGHED = 20_000  # whose Pareto k is found
 CHUNK = 20_000
 MOST_BY_OTHERS = 0.5  # share of independence proposals; of fewer, others end waits
@@ -134,6 +136,36 @@ def size_by_means(values: Floats) -> Floats:
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = values.var(axis=(0, 1, 2)) / series.var(axis=(0, 1))
     return np.asarray(gain * mean_sizes(series.swapaxes(0, 1)))
+
+
+def find_drift(draws: Floats) -> int:
+    """Return how many steps of a chain are still its way in, 0 where none are seen.
+
+    The means of all series over the first half, quarter, eighth ... of the steps are
+    compared with those over the second half, by the standard error that the second half
+    claims for as many steps (the test of Geweke, 1992, for several lengths).
+
+    Args:
+        draws: ``(steps, ensembles, walkers, d)``.
+    """
+    series = means_over_walkers(draws)
+    steps, ensembles, m = series.shape
+    half = steps // 2
+    late = series[half:]
+    sizes = mean_sizes(late.swapaxes(0, 1)) / len(late)  # by step, of all ensembles
+    lengths = []
+    while half >= SHORTEST_DRIFT:
+        lengths.append(half)
+        half //= 2
+    least = stats.chi2.isf(FALSE_ALARM / (m * max(len(lengths), 1)), 1)
+    for length in lengths:
+        apart = series[:length].mean(axis=(0, 1)) - late.mean(axis=(0, 1))
+        share = 1 / length + 1 / len(late)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            squares = apart**2 / (late.var(axis=(0, 1)) * share / sizes)
+        if (squares > TAU_KNOWN_TO * least).any():  # never for NaN
+            return max(find_burn_in(draws), SHORTEST_DRIFT)
+    return 0
 
 
 def expected_acceptance(log_weights: Floats) -> Floats:

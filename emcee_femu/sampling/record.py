@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from typing import Any, Self, TypeAlias, overload
 
 import emcee
@@ -22,8 +23,10 @@ from ..moves.demc import DEMCMove
 from ..moves.hamiltonian import HamiltonianMove
 from ..moves.independence import IndependenceMove
 from ..moves.mixture import Mixture
+from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
 from ..table import Column, Parts, Report, Table, unit_column
+from .burn_in import find_burn_in
 from .proposals import COVERS
 from .response_surface import ResponseSurface
 
@@ -75,6 +78,17 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
         """Solves of all ensembles, including those before the stored chains."""
         return int(self.samplers[0].evaluator.whole.solves)
 
+    @cached_property
+    def burn_in(self) -> int:
+        """Stored steps that tables and figures leave out; of "auto" there are none.
+
+        ``run[0].get_chain()`` has them all.
+        """
+        if self.search is not None:
+            return 0
+        betas = ladder_of([move for move, _ in self.moves])
+        return burn_in_of([sampler.backend for sampler in self], betas)
+
     def __len__(self) -> int:
         """Return the number of ensembles."""
         return len(self.samplers)
@@ -96,7 +110,9 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
         ended = ENDED.get(self.stopped)
         yield (
             f"{len(self)} ensemble{'s' * (len(self) > 1)} of {walkers} walkers, "
-            f"{min(steps)} steps, {self.solves:,} solves"
+            f"{min(steps)} steps"
+            + (f" ({self.burn_in} of them burn-in)" if self.burn_in else "")
+            + f", {self.solves:,} solves"
             + (f"; the run ended when {ended}" if ended else "")
         )
         how = self.search.sentence if self.search else describe_moves(self.moves)
@@ -128,6 +144,7 @@ class Chains:
         starts_given: Whether the walkers started where a user said.
         doubts: What was warned of before the run, of the model or the prior.
         stopped: Why the run ended, as in :class:`Run`.
+        discard: Stored steps that were left out before these, as burn-in.
         initial: The row at the prior mean, as of a file; None where not known.
         plain: Whether they are of emcee alone, and of nothing that :func:`run` takes.
         log_box: Of the box that is the prior of a bare log-likelihood; else NaN.
@@ -150,6 +167,7 @@ class Chains:
     starts_given: bool = False
     doubts: Sequence[str] = ()
     stopped: str = ""
+    discard: int = 0
     initial: Floats | None = None
     plain: bool = False
     log_box: float = np.nan
@@ -414,7 +432,16 @@ def read_backends(
         np.array(acceptance),
         gather("blobs") if blobs and backends[0].has_blobs() else None,
         betas=betas,
+        discard=discard,
     )
+
+
+def burn_in_of(backends: Sequence[Backend], betas: Floats) -> int:
+    """Return the burn-in of chains in emcee backends, by the walkers of all betas."""
+    if not min(backend.iteration for backend in backends):
+        return 0
+    chains = read_backends(backends, betas, hot=True)
+    return find_burn_in(chains.draws, len(betas))
 
 
 def separate(mixture: Mixture) -> Labels:

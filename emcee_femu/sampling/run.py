@@ -263,6 +263,8 @@ def run(
             raise
         if store is not None:
             store["stopped"] = stopped
+            # With the steps that it belongs to, for a run may go on.
+            store["burn-in"] = [[samplers[0].iteration, record.burn_in]]
     return replace(record, stopped=stopped)
 
 

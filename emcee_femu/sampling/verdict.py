@@ -17,6 +17,7 @@ from .judge import (
     ModeWeights,
     effective_sizes,
     excess_scatter,
+    find_drift,
     mean_sizes,
     rhat,
     size_by_means,
@@ -47,6 +48,7 @@ STUCK_BY_CHANCE = 0.05  # walkers that may not have moved yet in a short chain
 CONVERGED, MIXED, NOT_CONVERGED = "converged", "well mixed", "not converged"
 NO_CHAINS = "none"  # of a population, or of weighted draws
 TOO_SHORT = "too short"
+BEGINS_ELSEWHERE = "the chain begins elsewhere"
 SEARCHED, NOT_SEARCHED = "searched", "not searched"
 LENGTH_MARGIN = 1.25  # since tau and errors are estimates themselves
 MUCH = 4.0  # times longer, where no number says how much
@@ -105,6 +107,9 @@ class Diagnosis(Report):
     Attributes:
         names: Parameter names, ``d`` of them.
         steps: Stored steps per ensemble, after burn-in.
+        discard: Stored steps that were left out before these, as burn-in.
+        drift: How many of ``steps`` are a way in from elsewhere, which the other
+            numbers then include; 0 if none are seen.
         tau: Integrated autocorrelation time in stored steps, ``(ensembles, d)``; NaN
             if no walker moved.
         steps_per_tau: ``steps / tau`` of the worst ensemble, ``(d,)``. Below 25 a chain
@@ -163,6 +168,8 @@ class Diagnosis(Report):
     fit: Statement = NOT_JUDGED
     plain: bool = False
     stopped: str = ""
+    discard: int = 0
+    drift: int = 0
 
     @property
     def converged(self) -> bool:
@@ -193,7 +200,8 @@ class Diagnosis(Report):
         """One row per parameter; tau is that of the worst ensemble."""
         n_ensembles, n_walkers = self.acceptance.shape
         return Table.from_columns(
-            f"Diagnosis: {n_ensembles} x {n_walkers} walkers, {self.steps} steps",
+            f"Diagnosis: {n_ensembles} x {n_walkers} walkers, {self.steps} steps"
+            + f" after a burn-in of {self.discard}" * (self.discard > 0),
             [
                 ("parameter", "", list(self.names)),
                 ("tau", ".1f", self.tau.max(axis=0)),
@@ -282,6 +290,8 @@ def measure(chains: Chains) -> Diagnosis:
         failures=chains.failures,
         plain=chains.plain,
         stopped=chains.stopped,
+        discard=chains.discard,
+        drift=find_drift(draws),
     )
 
 
@@ -290,13 +300,13 @@ def _as_chains(values: Floats) -> Floats:
     return values.transpose(1, 2, 0, 3).reshape(-1, len(values), values.shape[3])
 
 
-def judge_chains(diagnosis: Diagnosis, starts_given: bool, discard: int) -> Statement:
+def judge_chains(diagnosis: Diagnosis, starts_given: bool) -> Statement:
     """Say whether the chains converged; if not, what speaks first and what mends it."""
     if complaints := list(_complaints(diagnosis)):
         short, sentence, longer = complaints[0]
         if longer:
             longer = min(max(factor for *_, factor in complaints), MUCH_TOO_SHORT)
-            steps = discard + LENGTH_MARGIN * longer * diagnosis.steps
+            steps = diagnosis.discard + LENGTH_MARGIN * longer * diagnosis.steps
             unit = 10 ** max(int(np.log10(steps)) - 1, 0)  # two digits, and zeros
             needed = unit * int(np.ceil(steps / unit))
             sentence += f"; {diagnosis.cures.steps.format(needed)}"
@@ -329,6 +339,11 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
     by_chance = ((1 - moving) ** diagnosis.steps).sum()
     if stuck and by_chance < STUCK_BY_CHANCE:
         yield complaint
+    if drift := diagnosis.drift:
+        sentence = f"its first {drift} steps differ from those after"
+        over = drift < diagnosis.steps // 2  # or the way in may be longer still
+        sentence += f"; discard={diagnosis.discard + drift}" * over
+        yield BEGINS_ELSEWHERE, sentence, 0.0 if over else MUCH
     within, between = diagnosis.rhat_within, diagnosis.rhat_between
     fewer = np.fmax(1.0, TAU_OF_APART / diagnosis.steps_per_tau)
     apart = np.sqrt(1 + (WALKERS_APART**2 - 1) * fewer)

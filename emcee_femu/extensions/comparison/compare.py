@@ -91,8 +91,8 @@ def compare_moves(
         ensembles: Number of independent ensembles, at least 2, started from draws of
             the prior.
         seed: A whole number, the same for every move.
-        discard: Stored steps to drop as burn-in; None for a quarter of them, and for
-            none of "auto", which starts from weighted draws of the posterior.
+        discard: Stored steps to drop as burn-in. None for those that each run finds
+            itself, at most half of them; "auto" has none.
         reference: Known ``(mean, sd)`` of the posterior by parameter name, for some or
             all parameters.
 
@@ -127,11 +127,11 @@ def compare_moves(
     costs = [_count_cost(pairs) for pairs in weighted.values() if pairs is not None]
     per_step = round(nwalkers * ensembles * max(costs, default=1.0))
     steps = _count_steps(steps, max_evaluations, per_step)
-    dropped = steps // 4 if discard is None else checks.whole_number("discard", discard)
-    if steps - dropped < FEWEST_STEPS:
+    most = steps // 2 if discard is None else checks.whole_number("discard", discard)
+    if steps - most < FEWEST_STEPS:
         raise ValueError(
             f"discard: expected at least {FEWEST_STEPS} steps to judge, got "
-            f"{max(steps - dropped, 0)} of {steps} (discard={dropped}); run longer, "
+            f"{max(steps - most, 0)} of {steps} after a burn-in of {most}; run longer, "
             "or drop less"
         )
     moments = _check_reference(reference, posterior.names)
@@ -141,7 +141,7 @@ def compare_moves(
         clock = time.process_time()
         sampled = run(posterior, move, nwalkers, steps, ensembles=ensembles, seed=seed)
         cpu = time.process_time() - clock
-        burnt = 0 if discard is None and sampled.search is not None else dropped
+        burnt = sampled.burn_in if discard is None else most
         entries.append(Entry(label, sampled, burnt, cpu))
     winner, words = conclude(entries)
     for entry in entries:
@@ -151,9 +151,7 @@ def compare_moves(
                 "max_evaluations, as it turned to Hamiltonian moves."
             )
     title = (
-        f"Moves compared: {ensembles} ensembles of {nwalkers} walkers, the first "
-        f"{dropped} of {steps} steps dropped"
-        f"{', of auto none' if discard is None and None in weighted.values() else ''}; "
+        f"Moves compared: {ensembles} ensembles of {nwalkers} walkers, {steps} steps; "
         "ESS per 1000 log-posterior evaluations"
     )
     return Comparison(
@@ -234,6 +232,7 @@ class Entry:
 
     Attributes:
         label: The move's name.
+        burnt: Stored steps that were dropped as burn-in.
         diagnosis: The judgement of all its ensembles.
         run: The run.
         idata: ArviZ object of the kept steps.
@@ -248,7 +247,8 @@ class Entry:
     """
 
     def __init__(self, label: str, run: Run, burnt: int, cpu: float) -> None:
-        self.label, self.run, self.diagnosis = label, run, diagnose(run, burnt)
+        self.label, self.run, self.burnt = label, run, burnt
+        self.diagnosis = diagnose(run, burnt)
         self.idata = to_inference_data(run, discard=burnt)
         evaluations = len(run) * run[0].nwalkers * _count_cost(run.moves)
         kept = round(evaluations * (run[0].iteration - burnt))
@@ -272,7 +272,7 @@ def _tabulate(
     """Tabulate the moves, one row each, with numbers of the worst parameter.
 
     FE solves are those of the whole run; "before chain" are evaluations for the starts
-    and the search of "auto"; ESS per 1000 counts evaluations of the kept steps, +- is
+    and the search of "auto"; "burn-in" are steps that were left out; ESS per 1000 counts evaluations of the kept steps, +- is
     its standard error over the ensembles; "end to end" counts all evaluations. Errors
     are the largest against a reference, in its standard deviations.
     """
@@ -281,6 +281,7 @@ def _tabulate(
         ("move", "", [e.label for e in entries]),
         ("FE solves", "d", [e.run.solves for e in entries]),
         ("before chain", "d", [e.run.evaluations for e in entries]),
+        ("burn-in", "d", [e.burnt for e in entries]),
         ("acceptance", ".2f", [float(d.acceptance.mean()) for d in diagnoses]),
         ("tau", ".0f", [float(d.tau.max()) for d in diagnoses]),
         ("steps/tau", ".0f", [float(d.steps_per_tau.min()) for d in diagnoses]),

@@ -64,7 +64,7 @@ def report(
     text: Mapping[str, str] | None = None,
     derived: Derived | None = None,
     posterior: LogPosterior | None = None,
-    discard: int = 0,
+    discard: int | None = None,
 ) -> Path:
     """Write one HTML file to hand over, with the answer on its first page.
 
@@ -92,7 +92,8 @@ def report(
             take arrays ``(n,)`` by parameter, as a model does, and return ``(n,)``.
         posterior: The sampled posterior, where the source does not know it: without it
             terms, measurement errors and mode shapes are left out.
-        discard: Number of stored steps to drop as burn-in.
+        discard: Number of stored steps to drop as burn-in. None for those that a run
+            by given moves found itself.
 
     Returns:
         The path of the file.
@@ -170,7 +171,7 @@ def report(
         laws=list_laws(sampled.prior) if sampled else (),
         chains=read_chains(idata),
         run=run,
-        diagnosis=diagnose(run or idata, discard if run else 0),
+        diagnosis=diagnose(run or idata, discard if run else None),
         certificate=held["certificate"].attrs if "certificate" in held else None,
         parameters=parameter_table(
             idata, var_names=[*map(str, idata["posterior"].data_vars)]
