@@ -96,7 +96,7 @@ def net(rng):
 STRUCTURES = {f.__name__: f for f in (chain, portal, column, net)}
 
 
-def test_sensors(name, fault, seed):
+def examine(name, fault, seed):
     """Simulate a test and check it; None where the data cannot tell the fault.
 
     Returns whether the fault is named, or none where there is none, and whether another
@@ -149,7 +149,7 @@ def main(right: int = 200, wrong: int = 50, first: int = 10_000):
         for name in STRUCTURES:
             count, results, seed = wrong if fault else right, [], first
             while len(results) < count:
-                if (result := test_sensors(name, fault, seed)) is not None:
+                if (result := examine(name, fault, seed)) is not None:
                     results.append(result)
                 seed += 1
             shares = 100 * np.mean(results, axis=0)
