@@ -19,7 +19,6 @@ from .burn_in import find_burn_in, means_over_walkers
 from .importance import pareto_k
 from .record import Chains
 
-FEWEST_STEPS = 8  # that can be judged
 FEWEST_ENSEMBLES = 3  # of which the scatter is known
 FALSE_ALARM = 1e-4  # its probability, over all parameters
 TAU_KNOWN_TO = 1.5  # ratio by which a variance claimed from tau may be too small

@@ -11,9 +11,9 @@ import numpy as np
 
 from ..contracts import Floats
 from ..table import Parts, Report, Table
+from .burn_in import FEWEST_STEPS
 from .importance import FAIR_SHARE, GOOD_K
 from .judge import (
-    FEWEST_STEPS,
     ModeWeights,
     effective_sizes,
     excess_scatter,
