@@ -47,6 +47,7 @@ from .moves import MetropolisMove as MetropolisMove
 from .posterior.log_posterior import LogPosterior as LogPosterior
 from .posterior.priors import GaussianPrior as GaussianPrior
 from .posterior.priors import IndependentPrior as IndependentPrior
+from .results.check_test import check_test as check_test
 from .results.diagnose import diagnose as diagnose
 from .results.evidence import log_evidence as log_evidence
 from .results.identifiability import identifiability as identifiability

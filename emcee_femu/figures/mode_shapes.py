@@ -12,6 +12,7 @@ from matplotlib.patches import Rectangle
 
 from .. import checks
 from ..contracts import Floats, read_declared
+from ..measurements.modes import is_rotation
 from ..models.geometry import Geometry
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre
@@ -28,7 +29,6 @@ LARGEST_DRAWN = 0.15  # displacement drawn, of the size of the structure
 SHAPE_MARGIN = 0.17  # around the structure, of its size
 # A view in space: from how far to the side, and from how far above.
 SIDE, ABOVE = math.radians(30), math.radians(22)
-ROTATION_DOFS = ":rx", ":ry", ":rz"  # rotations do not displace a node
 NO_EXTENT = 1e-9
 FEW_MODES = 3  # modes of the model up to which the two panels are beside each other
 ROW, COLUMN = 0.42, 0.66  # inches of a measured mode, and at least of the model's
@@ -152,7 +152,7 @@ def _displace(modes: ModeShapes, geometry: Geometry, i: int) -> list[Moves]:
     unknown = [
         dof
         for dof in values
-        if geometry.locate(dof) is None and not str(dof).endswith(ROTATION_DOFS)
+        if geometry.locate(dof) is None and not is_rotation(dof)  # these move no node
     ]
     moves = _move_nodes(geometry, values)
     if not moves or {*unknown} & {*sensors}:

@@ -56,7 +56,8 @@ class FrequencyTerm(Term):
             :class:`Measurements`, whose covariance or standard deviations are used
             unless another error is given. A mode without a standard deviation needs a
             discrepancy, which is then its only error.
-        beta: :math:`\beta_c` of Eq. 2.2, one number or one per mode.
+        beta: :math:`\beta_c` of Eq. 2.2, one number or one per mode, at least 4, which
+            is an error of 50 %; ``relative_sd`` is likewise at most 0.5.
         relative_sd: Relative standard deviations ``beta ** -0.5``, one number or one
             per mode. A value above 0.1 (10 %) causes a warning: was it in percent?
         sd: Standard deviations in Hz, one number or one per mode, with the same warning

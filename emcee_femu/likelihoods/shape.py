@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 from ..contracts import Floats, PairedSolution, Parameters, Response, Variable, read
 from ..measurements import Measurements
-from ..measurements.modes import doubt_percent
+from ..measurements.modes import compares, doubt_percent
 from ..models.paired import at_sensors
 from .term import MOST_RELATIVE, Deviations, Term, error_array, log_normal
 
@@ -71,7 +71,8 @@ class ShapeTerm(Term):
     Raises:
         TypeError: If not exactly one of delta, discrepancy and sd is given.
         ValueError: If there are no shapes or fewer than two sensors, a value is not
-            positive, or shapes do not match. When called: if the model returns no
+            positive, or shapes do not match; if there are rotations beside translations
+            without sd. When called: if the model returns no
             shapes, too few modes or other rows.
 
     Source: Vanik, Beck and Au (2000), doi:10.1061/(ASCE)0733-9399(2000)126:7(738);
@@ -94,16 +95,16 @@ class ShapeTerm(Term):
         sd: ArrayLike | None = None,
         name: str = "shape",
     ) -> None:
-        self._dofs = None
+        self.dofs = None
         if isinstance(measured, Measurements):
             if measured.shapes is None:
                 raise ValueError("measured: these measurements have no shapes")
             if delta is None and discrepancy is None and sd is None:
                 if measured.shape_sd is not None:  # that of a missing sensor is unused
                     sd = np.nan_to_num(measured.shape_sd, nan=1.0)
-            self._dofs, measured = measured.dofs, measured.shapes
+            self.dofs, measured = measured.dofs, measured.shapes
         shapes = checks.numeric_array("measured", measured)
-        self._there = there = ~np.isnan(shapes)
+        self.there = there = ~np.isnan(shapes)
         filled = np.where(there, shapes, 0.0)
         self.measured = shapes = checks.real_array("measured", filled, 2)
         if not shapes.size or there.sum(0).min() < 2 or not shapes.any(axis=0).all():
@@ -127,6 +128,14 @@ class ShapeTerm(Term):
             self.delta = np.ones(self.n_modes)
             self.delta *= error_array("delta", delta, (self.n_modes,))
             doubt_percent("delta", self.delta, MOST_RELATIVE)
+        # Sensors whose DOFs are not known are in the order of the model's rows.
+        dofs = [None] * n_sensors if self.dofs is None else self.dofs.tolist()
+        if sd is None and (there & ~compares(shapes, dofs)).any():
+            raise ValueError(
+                f"measured: there are rotations beside translations ({dofs}), and one "
+                "error for both would depend on the unit of length; give sd= at each "
+                "sensor, or leave the rotations out"
+            )
         if sd is not None:
             partial = (self.n_modes,), (n_sensors, 1), shapes.shape
             self.sd = np.ones(shapes.shape) * error_array("sd", sd, *partial)
@@ -138,8 +147,6 @@ class ShapeTerm(Term):
         each = np.ones(self.n_modes) if self.delta is None else self.delta
         by_datum = np.broadcast_to(each, shapes.shape)[self._across]
         self.stated_sd = np.zeros(1) if discrepancy else by_datum
-        # Sensors whose DOFs are not known are in the order of the model's rows.
-        dofs = [None] * n_sensors if self._dofs is None else self._dofs.tolist()
         coords = {"dof": dofs, "mode": range(1, self.n_modes + 1)}
         self.reads = {"shapes": Variable(coords, stored=False)}
 
@@ -158,9 +165,9 @@ class ShapeTerm(Term):
                 f"model returned shapes {shapes.shape}; ask it for more (n_modes=...)"
             )
         if not isinstance(response, PairedSolution):  # whose rows are the sensors
-            shapes = at_sensors(shapes, self._dofs, len(self.measured))
+            shapes = at_sensors(shapes, self.dofs, len(self.measured))
         shapes = shapes[:, :, : self.n_modes]
-        weights = self._there / (1.0 if self.sd is None else self.sd)
+        weights = self.there / (1.0 if self.sd is None else self.sd)
         measured, weighted = weights * self.measured, weights * shapes
         side = np.where((weighted * measured).sum(axis=1) < 0, -1.0, 1.0)
         length = np.sqrt((weighted**2).sum(axis=1))
@@ -168,7 +175,7 @@ class ShapeTerm(Term):
         size = np.linalg.norm(measured, axis=0)
         # A Householder reflection takes the measured shape to its first sensor.
         mirror = measured / size
-        count, modes = self._there.cumsum(axis=0), np.arange(self.n_modes)
+        count, modes = self.there.cumsum(axis=0), np.arange(self.n_modes)
         first, second = ((count == i).argmax(axis=0) for i in (1, 2))
         mirror[first, modes] += np.copysign(1.0, mirror[first, modes])
         mirror /= np.linalg.norm(mirror, axis=0)
@@ -181,7 +188,7 @@ class ShapeTerm(Term):
     @property
     def _across(self) -> NDArray[np.bool_]:
         """The deviations in use: for each mode, one fewer than its sensors."""
-        return self._there & (self._there.cumsum(axis=0) > 1)
+        return self.there & (self.there.cumsum(axis=0) > 1)
 
     def pointwise(
         self, parameters: Parameters, stored: Mapping[str, Floats]

@@ -264,6 +264,9 @@ def error_array(argument: str, value: ArrayLike, *shapes: tuple[int, ...]) -> Fl
     if argument == "relative_sd" and numbers.max() > MOST_RELATIVE:
         got = f"got {numbers.max():g}; 0.02 is 2 %"
         raise ValueError(f"{argument}: expected at most {MOST_RELATIVE}, {got}")
+    if argument == "beta" and numbers.min() < (least := MOST_RELATIVE**-2):
+        got = f"got {numbers.min():g}; 2500 is an error of 2 %, {least:g} of 50 %"
+        raise ValueError(f"{argument}: expected at least {least:g}, {got}")
     return numbers
 
 

@@ -2,7 +2,7 @@
 
 import re
 import warnings
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,6 +17,9 @@ COLLINEAR = 0.9  # below it a real shape is a poor picture of the mode
 LARGE_DAMPING = 0.2  # of structures, but for dampers; 0.2 is also a usual percentage
 LARGE_ERROR_PRIOR = 0.1  # a relative standard deviation that may be in percent
 SIGNED = re.compile(r"(.+:)([-+])(u?[xyz]|r[xyz])")  # a DOF such as "2:-ux"
+ROTATION = re.compile(r".*:[-+]?r[xyz]")  # a DOF in radians, such as "3:ry"
+# Translations of a mode that only turns, by its rotations: what rounding leaves.
+NO_MOTION = 1e-9
 OTHER_MODE = 0.5  # a shape with a smaller MAC with the mean belongs to another mode
 Shapes = NDArray[np.float64] | NDArray[np.complex128]
 Fields: TypeAlias = dict[str, Any]  # of Measurements, by the names of arguments
@@ -194,6 +197,25 @@ def dofs(value: ArrayLike | None, n_sensors: int) -> tuple[NDArray[Any] | None, 
     return places, np.array([sign for _, sign in turned])
 
 
+def is_rotation(dof: object) -> bool:
+    """Return whether a DOF is labelled as a rotation; a number never is."""
+    return bool(ROTATION.fullmatch(str(dof)))
+
+
+def compares(shapes: Shapes, labels: Iterable[object]) -> NDArray[np.bool_]:
+    """Return where a MAC compares shapes, ``(n_sensors, n_modes)``: at one unit each.
+
+    A sum of squares of metres and radians would depend on the unit of length. Rotations
+    are therefore left out beside translations, unless a mode only turns.
+    """
+    turns = np.array([is_rotation(label) for label in labels], dtype=bool)
+    if turns.all() or not turns.any():
+        return np.ones(shapes.shape, dtype=bool)
+    size = np.nan_to_num(np.abs(shapes))
+    still = size[~turns].max(axis=0) <= NO_MOTION * size[turns].max(axis=0)
+    return np.asarray(turns[:, None] == still)
+
+
 def frequency_scatter(value: ArrayLike, correlated: bool) -> Fields:
     """Return mean and covariance, or sd, of frequencies ``(n_tests, n_modes)``."""
     tests, correlated = _read_tests(value), checks.flag("correlated", correlated)
@@ -247,10 +269,13 @@ def _read_tests(value: ArrayLike) -> Floats:
     return tests
 
 
-def shape_scatter(value: ArrayLike, found: NDArray[np.bool_]) -> Fields:
+def shape_scatter(
+    value: ArrayLike, found: NDArray[np.bool_], labels: Sequence[object] | None
+) -> Fields:
     """Return mean and sample sd of shapes ``(n_tests, n_sensors, n_modes)``.
 
-    Over the modes that were found, ``(n_tests, n_modes)``.
+    Over the modes that were found, ``(n_tests, n_modes)``. Labels of sensors tell which
+    are rotations, by which shapes are neither scaled nor compared.
     """
     n_tests, n_modes = found.shape
     raw = checks.complex_array("shapes", value)
@@ -260,13 +285,16 @@ def shape_scatter(value: ArrayLike, found: NDArray[np.bool_]) -> Fields:
     if tests.ndim != 3 or len(tests) != n_tests:
         expected = f"({n_tests} tests, n_sensors, {n_modes} modes)"
         raise ValueError(f"shapes: expected {expected}, got {tests.shape}")
-    tests = tests / np.linalg.norm(tests, axis=1, keepdims=True)
+    known = labels is not None and len(labels) == tests.shape[1]  # else refused
+    alike = compares(np.abs(tests).max(axis=0), (labels or ()) if known else ())
+    tests = tests / np.linalg.norm(tests * alike, axis=1, keepdims=True)
     mean, sd = np.zeros_like(tests[0]), np.zeros(tests[0].shape)
     for mode in range(n_modes):
         there = np.flatnonzero(found[:, mode])
         columns = tests[there, :, mode].T  # (n_sensors, n_found)
-        first = np.linalg.svd(columns, full_matrices=False)[0][:, 0]
-        product = first.conj() @ columns
+        compared = columns[alike[:, mode]]
+        first = np.linalg.svd(compared, full_matrices=False)[0][:, 0]
+        product = first.conj() @ compared
         for test in np.flatnonzero(np.abs(product) ** 2 < OTHER_MODE):
             raise ValueError(
                 f"shapes: mode {mode + 1} of test {there[test] + 1} has a MAC of "
@@ -275,7 +303,7 @@ def shape_scatter(value: ArrayLike, found: NDArray[np.bool_]) -> Fields:
         columns = columns * (product.conj() / np.abs(product))
         mean[:, mode] = columns.mean(axis=1)
         # Complex shapes are turned real at the phase of the mean.
-        turned = columns * phases(mean[:, [mode]])
+        turned = columns * phases(mean[alike[:, mode]][:, [mode]])
         sd[:, mode] = turned.real.std(axis=1, ddof=1)
     for sensor, mode in np.argwhere(sd == 0):
         raise ValueError(

@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..contracts import Floats
 from ..table import Parts, Report, Table
 from . import csv_files, modes, uff
 
@@ -117,21 +118,23 @@ class Measurements(Report):
                 raise ValueError(f"shapes: expected (n_sensors, {n_modes}), got {got}")
             self.n_sensors, there = len(raw), ~np.isnan(raw)
             raw[~there] = 0.0
-            real = (raw * modes.phases(raw)).real
-            modes.refuse_duplicates(self.frequencies, real)
+        self.sensors = modes.labels(sensors, self.n_sensors)
+        self.dofs, signs = modes.dofs(dofs, self.n_sensors)
+        if there is not None:
+            alike = np.where(modes.compares(raw, self._labels), raw, 0.0)
+            phases = modes.phases(alike)
+            modes.refuse_duplicates(self.frequencies, (alike * phases).real)
+            real = (raw * phases).real * signs[:, None]
             self.shapes = np.where(there, real, np.nan)
-            self.phase_collinearity = modes.phase_collinearity(raw, phase_collinearity)
-            modes.warn_about_complex(self.phase_collinearity)
+            mpc = modes.phase_collinearity(alike, phase_collinearity)
+            self.phase_collinearity = mpc
+            modes.warn_about_complex(mpc)
         self.sd = modes.deviations("sd", sd, (n_modes,), partly=True)
         self.covariance = None
         if covariance is not None:
             self.covariance = modes.covariance(covariance, n_modes)
         shape = self.n_sensors, n_modes
         self.shape_sd = modes.deviations("shape_sd", shape_sd, shape, there)
-        self.sensors = modes.labels(sensors, self.n_sensors)
-        self.dofs, signs = modes.dofs(dofs, self.n_sensors)
-        if self.shapes is not None:
-            self.shapes *= signs[:, None]
         self.damping = modes.deviations("damping", damping, (n_modes,), partly=True)
         if self.damping is not None:
             critical = modes.LARGE_DAMPING, "the critical one"
@@ -139,6 +142,23 @@ class Measurements(Report):
         self.damping_sd = modes.deviations(
             "damping_sd", damping_sd, (n_modes,), partly=True
         )
+
+    @property
+    def _labels(self) -> Sequence[object]:
+        """What says of a sensor whether it measures a rotation."""
+        return self.sensors if self.dofs is None else self.dofs.tolist()
+
+    @property
+    def compared(self) -> Floats:
+        """Shapes by which a MAC compares modes, ``(n_sensors, n_modes)``.
+
+        NaN at a missing sensor. Rotations (such as ``"3:ry"``) are NaN as well where
+        there are translations, which have another unit, unless a mode only turns.
+        """
+        if self.shapes is None:
+            return np.empty((0, self.n_modes))
+        alike = modes.compares(self.shapes, self._labels)
+        return np.where(alike, self.shapes, np.nan)
 
     @classmethod
     def from_repeats(
@@ -191,7 +211,8 @@ class Measurements(Report):
         scatter = modes.frequency_scatter(frequencies, correlated)
         if shapes is not None:
             found = ~np.isnan(np.asarray(frequencies, dtype=np.float64))
-            scatter |= modes.shape_scatter(shapes, found)
+            labels = sensors if dofs is None else np.asarray(dofs).tolist()
+            scatter |= modes.shape_scatter(shapes, found, labels)
         return cls(**scatter, sensors=sensors, dofs=dofs)
 
     @classmethod

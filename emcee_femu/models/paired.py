@@ -37,6 +37,8 @@ Indices: TypeAlias = NDArray[np.intp]
 # What a model's jacobian, or its spread, is.
 Differentiate: TypeAlias = Callable[[Parameters], tuple[Response, Derivatives]]
 
+# Part of a shape at the sensors compared, below which it is rounding: it rests there.
+AT_REST = 1e-9
 CLUSTER_DEPENDENT = 1e-8  # a shape that the others of its cluster span at the sensors
 # Among coupled modes all candidates share one MAC; their own MAC then decides.
 TIE_BREAK = 1e-3
@@ -70,8 +72,12 @@ class PairedModel:
     modes of the test in the same order, with none missing and none in between. The data
     cannot show this, so compare pictures of the modes. It assumes, second, that
     throughout the prior each mode resembles its own reference shape more than any
-    other; ``mac`` shows this for each sample. If the model has rotations, give it
-    ``shapes=`` with translations only, as sensors measure them.
+    other; ``mac`` shows this for each sample.
+
+    **A MAC compares what has one unit**: translations. Rotations, which labels such as
+    ``"3:ry"`` tell, are left out, because with them it would depend on the unit of
+    length; only modes that do not translate, as in torsion, are compared by rotations.
+    Of rows without labels the model must return translations only.
 
     Args:
         model: A model that returns shapes, such as ``MatrixModel(..., shapes=dofs)``.
@@ -122,6 +128,7 @@ class PairedModel:
         min_gap: float = 0.02,
     ) -> None:
         checks.function("model", model)
+        self.reference = reference
         if reference is not None:
             measurements = _solve_reference(model, measurements, reference)
         test = checks.instance("measurements", measurements, Measurements)
@@ -136,10 +143,11 @@ class PairedModel:
         self.candidates = checks.whole_number("candidates", wanted, n_modes)
         self.min_mac = checks.real_number("min_mac", min_mac, 0.0, 1.0)
         self.min_gap = checks.real_number("min_gap", min_gap, 0.0)
-        size = np.sqrt(np.nansum(test.shapes**2, axis=0))
-        self._shapes = np.nan_to_num(test.shapes / size)
+        compared = test.compared
+        size = np.sqrt(np.nansum(compared**2, axis=0))
+        self._shapes = np.nan_to_num(compared / size)
         # The modes that share their sensors are compared at these.
-        there = ~np.isnan(test.shapes)
+        there = ~np.isnan(compared)
         sensors, of_mode = np.unique(there, axis=1, return_inverse=True)
         groups = enumerate(sensors.T[:, :, None])
         self._alike = [(each, np.flatnonzero(of_mode == i)) for i, each in groups]
@@ -177,8 +185,11 @@ class PairedModel:
 
     def pair(self, response: Response) -> PairedSolution:
         """Return the modes of a response in the order of the measured ones."""
-        modes = self.read_candidates(response)
-        return self._solution(*self._pair(*modes))
+        return self.match(*self.read_candidates(response))
+
+    def match(self, frequencies: Floats, shapes: Floats) -> PairedSolution:
+        """Return the pairs among candidates, of sensor shapes ``(n, n_sensors, q)``."""
+        return self._solution(*self._pair(frequencies, shapes))
 
     def _pass_on(self, attribute: str) -> Differentiate | None:
         function = read_declared(self.model, attribute)  # goes to other processes
@@ -227,7 +238,8 @@ class PairedModel:
         measured = self._shapes
         mac = np.empty((len(shapes), measured.shape[1], shapes.shape[2]))  # (n, p, q)
         for sensors, modes in self._alike:
-            mac[:, modes] = (measured[:, modes].T @ _scale(shapes * sensors)) ** 2
+            unit = _scale(shapes, sensors)
+            mac[:, modes] = (measured[:, modes].T @ unit) ** 2
         score = mac.copy()
         shared = np.full(frequencies.shape, -1)  # numbers of those that share a space
         projections = np.empty((0, *measured.shape))
@@ -241,8 +253,8 @@ class PairedModel:
             shared[row, mode] = np.arange(len(row))
             projections = np.empty((len(row), *measured.shape))
             for sensors, modes in self._alike:
-                unit, weights = _scale(shapes[row] * sensors), coupling[at, mode]
-                spanned, projected = _widen(measured[:, modes], unit, weights)
+                unit, weights = _scale(shapes[row], sensors), coupling[at, mode]
+                spanned, projected = _widen(measured[:, modes], unit, weights, sensors)
                 mac[row[:, None], modes, mode[:, None]] = spanned
                 projections[:, :, modes] = projected
             score = mac + TIE_BREAK * score
@@ -397,11 +409,11 @@ def at_sensors(shapes: Floats, dofs: Indices | None, n_sensors: int) -> Floats:
     return shapes[..., numbers, :]
 
 
-def _scale(shapes: Floats) -> Floats:
-    """Return shapes ``(n, r, q)`` of unit length, or zero."""
-    size = np.sqrt((shapes**2).sum(axis=1, keepdims=True))
-    unit: Floats = shapes * np.divide(1, size, out=np.zeros_like(size), where=size > 0)
-    return unit
+def _scale(shapes: Floats, sensors: NDArray[np.bool_]) -> Floats:
+    """Return shapes ``(n, r, q)`` of unit length at ``sensors (r, 1)``, or zero."""
+    size = np.linalg.norm(shapes * sensors, axis=1, keepdims=True)
+    moves = size > AT_REST * np.linalg.norm(shapes, axis=1, keepdims=True)
+    return np.asarray(shapes * np.divide(1, size, out=np.zeros_like(size), where=moves))
 
 
 def _couple_modes(frequencies: Floats, min_gap: float) -> Floats:
@@ -422,7 +434,9 @@ def _couple_modes(frequencies: Floats, min_gap: float) -> Floats:
     return coupling
 
 
-def _widen(measured: Floats, unit: Floats, weights: Floats) -> tuple[Floats, Floats]:
+def _widen(
+    measured: Floats, unit: Floats, weights: Floats, sensors: NDArray[np.bool_]
+) -> tuple[Floats, Floats]:
     r"""Return MAC and shape of coupled modes, widened by those they are coupled to.
 
     .. math:: v = \sum_k c_k q_k q_k^T \phi^m, \qquad
@@ -436,6 +450,8 @@ def _widen(measured: Floats, unit: Floats, weights: Floats) -> tuple[Floats, Flo
         measured: Unit shapes ``(r, p)``.
         unit: Unit shapes of all modes, of m rows, ``(m, r, q)``.
         weights: The coupling of one mode of each row with all, ``(m, q)``.
+        sensors: Which are compared, ``(r, 1)``; at the others measured is zero, and the
+            shapes follow.
 
     Returns:
         MAC ``(m, p)``, and shapes ``(m, r, p)``.
@@ -449,8 +465,9 @@ def _widen(measured: Floats, unit: Floats, weights: Floats) -> tuple[Floats, Flo
     for place in order.T[:most]:
         axis = unit[row, :, place]
         for earlier in axes * 2:  # Gram-Schmidt, twice for accuracy
-            axis = axis - earlier * (earlier * axis).sum(axis=1, keepdims=True)
-        length = np.linalg.norm(axis, axis=1, keepdims=True)
+            part = (earlier * axis).sum(axis=1, keepdims=True, where=sensors[:, 0])
+            axis = axis - earlier * part
+        length = np.linalg.norm(axis * sensors[:, 0], axis=1, keepdims=True)
         unlike = length > CLUSTER_DEPENDENT
         axis = axis * unlike / np.where(unlike, length, 1.0)
         axes.append(axis)

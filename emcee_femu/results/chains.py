@@ -24,7 +24,9 @@ from ..posterior.log_posterior import LogPosterior
 from ..sampling.record import Chains, Run, SearchRecord, burn_in_of, read_backends
 from .arviz_objects import InferenceData, dataset, is_arviz, samples
 
-# Attributes of ArviZ objects, in words.
+# Attributes of ArviZ objects: which steps were left out, and what is so without them.
+LEFT_OUT = {"discard": 0, "thin": 1}
+# Others, in words.
 TOLD = "kind", "moves", "seed", "origin", "stopped"
 # The same as JSON.
 STORED = (
@@ -212,7 +214,7 @@ def _of_arviz(
     if told.get("search") is not None:
         told["search"] = SearchRecord.from_json(told["search"])
     told["betas"] = np.array(told.get("betas", [1.0]))
-    attributes = group.attrs
-    told["discard"] = attributes.get("discard", 0) + discard * attributes.get("thin", 1)
+    before, thin = (int(group.attrs.get(k, v)) for k, v in LEFT_OUT.items())
+    told["discard"] = before + discard * thin
     known = tuple(names), draws[discard:], log_prob[discard:], fractions.reshape(shape)
     return Chains(*known, posterior=posterior, **told)

@@ -64,7 +64,8 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
             object made from any of these, whose steps are those left after its own
             ``discard`` and ``thin``.
         discard: Number of stored steps to drop as burn-in. None for those that a run
-            by given moves found itself (``run.burn_in``), and for none of other sources.
+            by given moves found itself (``run.burn_in``), and for none of other
+            sources.
 
     Returns:
         Numbers and three statements; ``print`` it.

@@ -417,7 +417,7 @@ def solve_shapes(
     assert measured.shapes is not None
     at_sensors = paired.read_candidates(response)[1][0]
     chosen = solution.model_mode[0] - 1
-    mac = modal_assurance(measured.shapes, at_sensors)
+    mac = modal_assurance(measured.compared, at_sensors)
     mac[np.arange(len(chosen)), chosen] = solution.mac[0]
     itself = modal_assurance(solution.shapes[0], at_sensors[:, chosen]).diagonal()
     sensors: Sequence[Hashable] = dofs if declared else measured.sensors

@@ -10,7 +10,7 @@ import numpy as np
 from ..evaluation.evaluator import Bar, Evaluation
 from ..evaluation.samplers import Sampler, Weighted, caption, progress_bar, take_turns
 from ..moves.proposing import ladder_of
-from .judge import FEWEST_STEPS
+from .burn_in import FEWEST_STEPS
 from .record import (
     STOPPED_BY_SOLVES,
     STOPPED_BY_VERDICT,

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..contracts import Floats
 
+FEWEST_STEPS = 8  # that can be judged
 # z^2 is cut here, five standard deviations: a single walker far outside then says as
 # little as one that has nearly arrived.
 MOST_SQUARED = 25.0
@@ -53,7 +54,8 @@ def _fewest(series: Floats) -> int:
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.nan_to_num(variances / counts / late.var(axis=0), posinf=0.0)
     errors = relative.sum(axis=(1, 2))[::-1]
-    return int(np.argmin(errors[: steps // 2 + 1]))
+    most = max(min(steps // 2, steps - FEWEST_STEPS), 0)
+    return int(np.argmin(errors[: most + 1]))
 
 
 def means_over_walkers(draws: Floats) -> Floats:
@@ -62,4 +64,5 @@ def means_over_walkers(draws: Floats) -> Floats:
     with np.errstate(divide="ignore", invalid="ignore"):  # of what never moves
         z = draws - np.median(late, axis=(0, 1, 2))
         z = z / late.std(axis=(0, 1, 2))
-    return np.concatenate([z, np.minimum(z**2, MOST_SQUARED)], axis=-1).mean(axis=2)
+    both = np.concatenate([z, np.minimum(z**2, MOST_SQUARED)], axis=-1)
+    return np.asarray(both.mean(axis=2))

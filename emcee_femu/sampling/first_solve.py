@@ -3,6 +3,7 @@
 import time
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 
 import emcee
 import numpy as np
@@ -12,6 +13,7 @@ from ..evaluation.evaluator import Evaluation
 from ..evaluation.resume import StoredEvaluation
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre, summarize_prior
+from ..posterior.sensors import suspect_sensors
 
 FAR_RATIO = 3.0  # median ratio to what was measured, or its inverse, which is suspected
 LIKE_TURN = 1.25  # ratio to 2 pi up to which it is taken for one
@@ -26,7 +28,8 @@ MOST_START_DRAWS = 100  # of a starting point
 def check_first_solve(evaluator: Evaluation) -> tuple[float, list[str]]:
     """Solve at the prior mean, and warn where that is far from all that was measured.
 
-    The solve is counted. Only where it looks wrong the model is solved at some draws of
+    The solve is counted, and one more where mode shapes were measured, by which a wrong
+    sensor is looked for. Only where it looks wrong the model is solved at some draws of
     the prior too: of a wide one, as from 1e1 to 1e9, the mean may be far off, but not
     all draws are to the same side. A solve that fails says nothing here. A resumed run
     has the same outcome from its file, and the row, which tables need.
@@ -78,7 +81,13 @@ def _compare(evaluation: Evaluation) -> tuple[int, list[str], float]:
         draws = posterior.prior.sample(np.random.default_rng(0), REACH_DRAWS)
         rows = np.concatenate([rows, _solve(evaluation, draws)])
     solves = int(np.count_nonzero(rows[:, 1] > -np.inf))
-    return solves, doubt(posterior, posterior.unfold(rows)) + slips, seconds
+    doubts = doubt(posterior, posterior.unfold(rows)) + slips
+    if solves:
+        with suppress(Exception):  # of any kind, as below
+            found, more = suspect_sensors(posterior, centre)
+            doubts += ["; or ".join(map(str, alike)) for alike in found if alike]
+            solves += more
+    return solves, doubts, seconds
 
 
 def _solve(evaluation: Evaluation, theta: Floats) -> Floats:

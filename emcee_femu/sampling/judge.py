@@ -19,12 +19,11 @@ from .burn_in import find_burn_in, means_over_walkers
 from .importance import pareto_k
 from .record import Chains
 
-FEWEST_STEPS = 8  # that can be judged
 FEWEST_ENSEMBLES = 3  # of which the scatter is known
 FALSE_ALARM = 1e-4  # its probability, over all parameters
 TAU_KNOWN_TO = 1.5  # ratio by which a variance claimed from tau may be too small
 TAILS = (0.05, 0.95)
-SHORTEST_DRIFT = 4  # steps; the mean over fewer would say little
+SHORTEST_DRIFT = 4  # steps of a drift that is looked for
 MOST_WEIGHED = 20_000  # whose Pareto k is found
 CHUNK = 20_000
 MOST_BY_OTHERS = 0.5  # share of independence proposals; of fewer, others end waits
@@ -141,6 +140,7 @@ def size_by_means(values: Floats) -> Floats:
 def find_drift(draws: Floats) -> int:
     """Return how many steps of a chain are still its way in, 0 where none are seen.
 
+    They are all of its steps if what follows :func:`.find_burn_in` drifts as well.
     The means of all series over the first half, quarter, eighth ... of the steps are
     compared with those over the second half, by the standard error that the second half
     claims for as many steps (the test of Geweke, 1992, for several lengths).
@@ -157,14 +157,17 @@ def find_drift(draws: Floats) -> int:
     while half >= SHORTEST_DRIFT:
         lengths.append(half)
         half //= 2
-    least = stats.chi2.isf(FALSE_ALARM / (m * max(len(lengths), 1)), 1)
+    # By F, since so few independent values tell the variance.
+    known = np.fmax(sizes * len(late) - 1, 1.0)
+    least = stats.f.isf(FALSE_ALARM / (m * max(len(lengths), 1)), 1, known)
     for length in lengths:
         apart = series[:length].mean(axis=(0, 1)) - late.mean(axis=(0, 1))
         share = 1 / length + 1 / len(late)
         with np.errstate(divide="ignore", invalid="ignore"):
             squares = apart**2 / (late.var(axis=(0, 1)) * share / sizes)
         if (squares > TAU_KNOWN_TO * least).any():  # never for NaN
-            return max(find_burn_in(draws), SHORTEST_DRIFT)
+            burn_in = max(find_burn_in(draws), SHORTEST_DRIFT)
+            return steps if find_drift(draws[burn_in:]) else burn_in
     return 0
 
 

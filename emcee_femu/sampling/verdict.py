@@ -11,9 +11,9 @@ import numpy as np
 
 from ..contracts import Floats
 from ..table import Parts, Report, Table
+from .burn_in import FEWEST_STEPS
 from .importance import GOOD_K, are_reliable
 from .judge import (
-    FEWEST_STEPS,
     MaximaWeights,
     effective_sizes,
     excess_scatter,
@@ -109,7 +109,8 @@ class Diagnosis(Report):
         steps: Stored steps per ensemble, after burn-in.
         discard: Stored steps that were left out before these, as burn-in.
         drift: How many of ``steps`` are a way in from elsewhere, which the other
-            numbers then include; 0 if none are seen.
+            numbers then include; 0 if none are seen, and all of them if what follows
+            drifts as well.
         tau: Integrated autocorrelation time in stored steps, ``(ensembles, d)``; NaN
             if no walker moved.
         steps_per_tau: ``steps / tau`` of the worst ensemble, ``(d,)``. Below 25 a chain
@@ -340,9 +341,13 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
     if stuck and by_chance < STUCK_BY_CHANCE:
         yield complaint
     if drift := diagnosis.drift:
-        sentence = f"its first {drift} steps differ from those after"
-        over = drift < diagnosis.steps // 2  # or the way in may be longer still
-        sentence += f"; discard={diagnosis.discard + drift}" * over
+        over = drift < diagnosis.steps
+        sentence = (
+            f"its first {drift} steps differ from those after; "
+            f"discard={diagnosis.discard + drift}"
+            if over
+            else "its second half still drifts"
+        )
         yield BEGINS_ELSEWHERE, sentence, 0.0 if over else MUCH
     within, between = diagnosis.rhat_within, diagnosis.rhat_between
     fewer = np.fmax(1.0, TAU_OF_APART / diagnosis.steps_per_tau)

@@ -202,3 +202,14 @@ def test_a_uniform_building_has_its_closed_form_and_data_scatter_as_is_said():
     ratios = [test.frequencies / expected - 1 for test in tests]
     assert np.std(ratios) == pytest.approx(module.RELATIVE_SD, rel=0.1)
     assert tests[0].shapes.shape == (2, 4) and tests[0].dofs.tolist() == [1, 3]
+
+
+@pytest.mark.slow
+def test_sensor_doctor(capsys):
+    """The law of its page: no right sensor is suspect, and wrong ones are found."""
+    table = load("benchmarks/sensor_doctor").main(30, 15, 20_000)
+    faults, found = table.column("fault"), np.array(table.column("found %"))
+    shares = {fault: found[np.equal(faults, fault)].mean() for fault in faults}
+    assert shares["none"] == 100
+    assert min(shares["turned"], shares["exchanged"], shares["gain 1000"]) > 82
+    assert max(table.column("other %")) < 20 and "turned" in capsys.readouterr().out

@@ -35,8 +35,9 @@ def test_bars_are_sorted_and_curves_are_of_the_kept_steps_in_their_colours():
     for line, (label, idata) in zip(right.lines, found.idata.items(), strict=True):
         whole = ef.figures.plot_tae(idata, found.posterior).axes[0].lines[0]
         generations, tae = whole.get_data()
-        assert generations[0] == 11  # a quarter of 40 was dropped
-        assert_array_equal(line.get_xdata(), generations - 10)
+        burn_in = idata["posterior"].attrs["discard"]
+        assert generations[0] == 1 + burn_in
+        assert_array_equal(line.get_xdata(), generations - burn_in)
         assert_array_equal(line.get_ydata(), tae)
         assert to_hex(line.get_color()) == colours[label]
 

@@ -9,7 +9,7 @@ from support.contracts import assert_term
 import emcee_femu as ef
 
 MEASURED = np.array([3.18, 28.54, 1.1e3, 5e-3])
-BETA = np.array([10.0, 6.8e5, 1e4, 1.0])
+BETA = np.array([10.0, 6.8e5, 1e4, 4.0])
 RNG = np.random.default_rng(5)
 PREDICTED = MEASURED * (1 + 0.02 * RNG.standard_normal((20, 4)))
 MODES = {"frequency": PREDICTED}
@@ -96,3 +96,15 @@ def test_a_mode_of_unknown_error_has_the_discrepancy_alone():
     expected = stats.norm([3.0, 9.0], sd).logpdf(predicted).sum()
     assert_allclose(term({"sigma": sigma}, {"frequency": predicted}), expected)
     assert term.error_sd["frequency"].round(12).tolist() == [0.03, 0.0]
+
+
+@pytest.mark.parametrize("sd", [0.51, 7.07])
+def test_an_error_above_half_is_refused_however_it_is_given(sd):
+    for given in ({"relative_sd": sd}, {"beta": sd**-2}, {"beta": [1e4, sd**-2]}):
+        with pytest.raises(
+            ValueError, match=f"{[*given][0]}: expected at (least|most)"
+        ):
+            ef.FrequencyTerm([3.0, 9.0], **given)
+    assert_allclose(
+        ef.FrequencyTerm([3.0], beta=10.0).stated_sd, 10**-0.5
+    )  # the paper's

@@ -194,3 +194,33 @@ SWAPPED = np.where(np.arange(5)[:, None, None] == 3, REPEATS[:, :, [0, 2, 1]], R
 def test_what_the_tests_lack_is_named(frequencies, shapes, correlated, message):
     with pytest.raises(ValueError, match=message):
         Measurements.from_repeats(frequencies, shapes, correlated=correlated)
+
+
+MIXED = ["1:ux", "2:ux", "3:uy", "2:rx", "3:rz"]
+IN_MILLIMETRES = np.array([1e3, 1e3, 1e3, 1.0, 1.0])[:, None]
+
+
+def test_the_collinearity_of_phases_does_not_depend_on_the_unit_of_length():
+    rng = np.random.default_rng(3)
+    shapes = rng.normal(size=(5, 2)) + 0.1j * rng.normal(size=(5, 2))
+    both = [
+        Measurements([1.0, 2.0], factor * shapes, dofs=MIXED)
+        for factor in (1.0, IN_MILLIMETRES)
+    ]
+    metres, millimetres = both
+    assert_allclose(metres.phase_collinearity, millimetres.phase_collinearity)
+    assert_allclose(IN_MILLIMETRES * metres.shapes, millimetres.shapes)
+
+
+def test_the_scatter_of_repeats_does_not_depend_on_the_unit_of_length():
+    rng = np.random.default_rng(3)
+    tests = rng.normal(size=(5, 2)) + 0.05 * rng.normal(size=(6, 5, 2))
+    tests[:, 3:] = 20.0 * rng.normal(size=(6, 2, 2))  # rotations that tell nothing
+    hertz = [1.0, 2.0] + 0.01 * rng.normal(size=(6, 2))
+    metres, millimetres = (
+        Measurements.from_repeats(hertz, factor * tests, dofs=MIXED)
+        for factor in (1.0, IN_MILLIMETRES)
+    )
+    for scatter in ("shapes", "shape_sd"):
+        first, second = getattr(metres, scatter), getattr(millimetres, scatter)
+        assert_allclose(IN_MILLIMETRES * first, 1e3 * second, rtol=1e-9)

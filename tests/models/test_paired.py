@@ -224,3 +224,88 @@ def test_what_is_wrong_with_a_reference_is_named():
     ):
         with pytest.raises((TypeError, ValueError), match=match):
             PairedModel(given, test, reference=reference)
+
+
+def bent_frame(unit):
+    """Return a bent cantilever in space whose unit of length is 1 m / ``unit``."""
+    bar = ef.Section(
+        E=(7e10 / unit**2, "E"),
+        GJ=(700 * unit**2, "twist"),
+        rho=2700 / unit**4,
+        A=3e-4 * unit**2,
+        Iy=(2e-9 * unit**4, "weak"),
+        Iz=(1e-8 * unit**4, "strong"),
+    )
+    points = [(0, 0, 0), (0.5, 0, 0), (1, 0, 0), (1, 0.5, 0), (1.2, 1.0, 0.1)]
+    bars = [(i, i + 1, "bar") for i in range(4)]
+    supports, nodes = {0: "all"}, unit * np.array(points)
+    return ef.FrameModel(nodes, bars, {"bar": bar}, supports, n_modes=8, shapes=True)
+
+
+def test_modes_are_paired_alike_in_metres_and_in_millimetres():
+    rng, names = np.random.default_rng(0), bent_frame(1.0).names
+    wide = {name: np.exp(0.8 * rng.standard_normal(40)) for name in names}
+    reference = dict.fromkeys(names, 1.0)
+    both = [
+        PairedModel(
+            bent_frame(unit), np.arange(1.0, 6.0), reference=reference, candidates=8
+        )
+        for unit in (1.0, 1000.0)
+    ]
+    metres, millimetres = (paired(wide) for paired in both)
+    assert_allclose(metres.mac, millimetres.mac, rtol=0, atol=1e-6)
+    assert_array_equal(metres.model_mode, millimetres.model_mode)
+    assert metres.mac.min() < 0.9  # they were not all the same anyway
+
+
+def test_a_mode_that_only_turns_is_paired_by_its_rotations():
+    bar = ef.Section(
+        E=7e10, GJ=(700, "twist"), rho=2700, A=3e-4, Iy=2e-9, Iz=1e-8, Ip=4e-7
+    )
+    nodes = [(x, 0, 0) for x in np.linspace(0, 1, 9)]
+    bars = [(i, i + 1, "bar") for i in range(8)]
+    model = ef.FrameModel(nodes, bars, {"bar": bar}, {0: "all"}, n_modes=8, shapes=True)
+    twist = np.array([1.0, 0.05])
+    frequencies = model({"twist": twist}).frequencies
+    turns = (np.abs(frequencies[0, :, None] / frequencies[1] - 1) > 1e-6).all(axis=1)
+    first = int(np.argmax(turns))  # the lowest mode that the torsional stiffness moves
+    assert first and turns[:6].sum() == 1
+    paired = PairedModel(model, range(1, 7), reference={"twist": 1.0}, candidates=8)
+    found = paired({"twist": twist})
+    assert_allclose(found.mac, 1.0, rtol=1e-6)
+    ratio = found.frequencies[1] / found.frequencies[0]
+    expected = np.where(np.arange(6) == first, np.sqrt(0.05), 1.0)
+    assert_allclose(ratio, expected, rtol=1e-3)
+
+
+def test_what_rounding_leaves_of_a_turning_mode_resembles_no_measured_shape():
+    bends = np.array([[1.0, 2.0, 0.5, 0.0]]).T
+    turns = np.array([[1e-16, 2e-16, 5e-17, 1.0]]).T
+    test = Measurements([1.0], bends, dofs=["1:uy", "2:uy", "3:uy", "3:rx"])
+    model = fixed([1.0, 2.0], np.hstack([turns, bends + 0.1])[None])
+    assert PairedModel(model, test)({}).model_mode.tolist() == [[2]]
+
+
+def test_rotations_follow_the_translations_by_which_close_modes_are_paired():
+    shapes = random_shapes(5, 1, 8, 4)
+    c, s = np.cos(0.6), np.sin(0.6)
+    measured = shapes[0][:, :2] @ [[c, -s], [s, c]]
+    dofs = ["1:ux", "1:uy", "2:ux", "2:uy", "3:ux", "1:rx", "2:ry", "3:-rz"]
+    measured[-1] *= -1  # as that sensor reads
+    test = Measurements([2.0, 2.001], measured, dofs=dofs)
+    assert np.isnan(test.compared[5:]).all() and np.isfinite(test.compared[:5]).all()
+    solved = PairedModel(fixed([2.0, 2.001, 5.0, 6.0], shapes), test)({})
+    assert_allclose(solved.mac, 1.0, rtol=1e-9)
+    share = test.shapes / np.linalg.norm(test.shapes[:5], axis=0)
+    assert_allclose(solved.shapes[0], share, rtol=1e-9)
+
+
+def test_one_error_for_rotations_and_translations_is_refused():
+    test = Measurements([1.0], [[1.0], [0.4], [0.3]], dofs=["1:ux", "2:ux", "2:ry"])
+    with pytest.raises(ValueError, match="measured.*unit.*sd="):
+        ShapeTerm(test, delta=0.02)
+    with pytest.raises(ValueError, match="measured.*unit.*sd="):
+        ShapeTerm(test, discrepancy="delta")
+    ShapeTerm(test, sd=[[0.02], [0.02], [0.1]])
+    turned = Measurements([1.0], [[1.0], [0.4]], dofs=["1:rx", "2:ry"])
+    ShapeTerm(turned, delta=0.02)

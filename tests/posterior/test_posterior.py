@@ -12,7 +12,7 @@ import emcee_femu as ef
 INF = np.inf
 F0 = np.array([10.0, 25.0])
 TERM = ef.FrequencyTerm([10.5, 25.2], beta=4e2)
-ONE = ef.FrequencyTerm([1.0], beta=1.0)
+ONE = ef.FrequencyTerm([1.0], beta=100.0)
 BOUNDS = [(-0.1, 0.2), (0.0, 0.5)]
 PRIOR = ef.GaussianPrior(["a", "b"], [0.0, 0.2], [0.1, 0.3], BOUNDS)
 INSIDE, OUTSIDE = [0.05, 0.1], [0.05, 0.6]

@@ -123,33 +123,96 @@ def test_of_a_collinear_pair_the_known_combination_is_named(sign):
     assert_allclose([found.correlation[0, 2], found.table.column("correlation")[2]], r)
 
 
-@pytest.mark.parametrize(("side", "share"), [(0, 0.0625), (1, 0.0625), (0, 0.04)])
-def test_a_posterior_at_a_bound_is_named(side, share):
-    z = exact_draws(np.diag([0.2, 0.3, 0.2]) ** 2)
-    z[..., 0] = np.abs(z[..., 0]) * (1 - 2 * side)  # half of a Gaussian at a bound
-    ordered = np.sort(np.abs(z[..., 0]).ravel())
-    n = round(share * len(ordered))
-    # A range of which 1 % reaches up to the n-th sample and not to the next one.
-    reach = 100 * (ordered[[n - 1, n]].mean() - ordered[0])
-    near, far = np.array([ordered[0], ordered[0] + reach]) * (1 - 2 * side)
-    ends = np.sort([near, far]) * PRIOR_SD[0]
-    bounds = {"lower": [ends[0], -9e9, -9e9], "upper": [ends[1], 9e9, 9e9]}
-    found = ef.identifiability(made(z, linear_frequencies(z), **bounds))
-    assert_allclose(found.at_bound[0, side], share)
-    assert found.at_bound[1:].max() == 0
-    bound = f"{('lower', 'upper')[side]} bound {ends[side]:.5g}"
-    assert (bound in found.findings[0]) == (share > 0.05)
+def at_bounds(values, low, high, before=None):
+    """Return what is said of one parameter of these samples and bounds."""
+    others = np.random.default_rng(0).normal(size=(2, len(values)))
+    z = np.column_stack([values, *others]).reshape(4, -1, 3)
+    constants = {
+        "prior_mean": np.zeros(3),
+        "prior_sd": np.full(3, np.std(values if before is None else before) + 1),
+        "is_error": np.zeros(3, dtype=bool),
+        "lower": [low, -np.inf, -np.inf],
+        "upper": [high, np.inf, np.inf],
+    }
+    draws = dict(zip(NAMES, np.moveaxis(z, -1, 0), strict=True))
+    by_mode = ("chain", "draw", "mode"), linear_frequencies(np.tanh(z))
+    groups = {"response": {"frequency": by_mode}}
+    if before is not None:
+        groups["prior"] = dict.fromkeys(NAMES, before[None])
+    idata = by_hand(draws, constants, dims=(), **groups)
+    found = ef.identifiability(idata)
+    assert not found.pressed[1:].any() and (found.at_bound[1:] == 0).all()
+    named = [text for text in found.findings if "is pressed against" in text]
+    assert len(named) == found.pressed.sum()
+    return found
+
+
+def pressed_samples(rng):
+    """Return samples that are highest at one of their bounds, and these bounds."""
+    low = rng.choice([-3.0, 0.5, 7.0, 1e3])
+    high = low + rng.uniform(0.5, 5) * max(abs(low), 1.0)
+    reach = rng.uniform(0.005, 0.2) * (high - low)
+    law = stats.halfnorm if rng.random() < 0.5 else stats.expon
+    away = law.rvs(scale=reach, size=6000, random_state=rng)
+    away = away[away < high - low][:4000]
+    side = int(rng.integers(2))
+    return (high - away if side else low + away), low, high, side
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_of_truly_pressed_ones_all_are_named(seed):
+    values, low, high, side = pressed_samples(np.random.default_rng(seed))
+    found = at_bounds(values, low, high)
+    assert found.pressed[0].tolist() == [side == 0, side == 1]
+    assert found.at_bound[0, side] > 0.75
+    end = ("lower", "upper")[side], (low, high)[side]
+    words = "stiff is pressed against its {} bound {:.5g}".format(*end)
+    assert found.findings[0].startswith(words)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_of_wide_lognormals_none_is_pressed(seed):
+    """Their upper tails make sds of which 1 % holds most of the samples."""
+    rng = np.random.default_rng(seed)
+    sd, median = rng.uniform(1, 3), rng.lognormal(0, 2)
+    values = median * np.exp(sd * rng.normal(size=4000))
+    for low, high in (
+        (0.0, np.inf),
+        (0.0, 1.1 * values.max()),
+        (values.min() / 2, 1e9),
+    ):
+        assert not at_bounds(values, low, high).pressed.any()
 
 
 @pytest.mark.parametrize("side", [0, 1])
-def test_a_narrow_posterior_in_a_wide_range_is_not_pressed_against_its_bound(side):
-    """As 60 +- 4.6 of a range from 0 to 1e5: 1 % of it reaches to 1000."""
-    ends = np.array([-0.13, 200.0] if side == 0 else [-200.0, 0.13]) * PRIOR_SD[2]
-    bounds = {"lower": [-9e9, -9e9, ends[0]], "upper": [9e9, 9e9, ends[1]]}
-    found = identify(np.diag([0.3, 0.3, 0.01]) ** 2, **bounds)
-    assert_allclose(found.at_bound[2, side], 1.0)
-    assert_allclose(found.from_bound[2, side], 13, rtol=1e-6)
-    assert len(found.findings) == 1 and found.findings[0].startswith(INFORMED)
+def test_what_is_high_inside_is_not_pressed(side):
+    rng, sign = np.random.default_rng(4), 1 - 2 * side
+    inside = stats.truncnorm(-2, 90).rvs(4000, random_state=rng)  # cut at 2 sds
+    two = rng.choice([0.2, 8.0], 4000) + 0.03 * rng.normal(size=4000)
+    narrow = 13 + rng.normal(size=4000)  # far from a bound whose range is wide
+    for values, bound, reach in ((inside, -2, 60), (two, 0.05, 9), (narrow, 0, 2e4)):
+        ends = np.sort(sign * np.array([bound, bound + reach]))
+        assert not at_bounds(sign * values, *ends).pressed.any()
+
+
+def test_where_the_prior_is_as_high_at_the_bound_nothing_presses():
+    rng = np.random.default_rng(4)
+    flat, steep = rng.uniform(1, 2, size=4000), 1 + rng.exponential(0.1, size=4000)
+    assert not at_bounds(flat, 1.0, 2.0).pressed.any()
+    # Logarithms of a uniform law over a factor of two are twice as dense at its end.
+    assert_allclose(at_bounds(flat, 1.0, 2.0).at_bound[0], [0.5, 1.0], atol=0.12)
+    assert at_bounds(steep, 1.0, 9.0).pressed[0, 0]
+    before = 1 + rng.exponential(0.12, size=4000)
+    assert not at_bounds(steep, 1.0, 9.0, before).pressed.any()
+    assert at_bounds(steep, 1.0, 9.0, 1 + 5 * (before - 1)).pressed[0, 0]
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_bound_of_zero_is_never_named(sign):
+    """It is of nature: no positive parameter can go beyond it."""
+    values = np.abs(np.random.default_rng(1).normal(size=4000))
+    found = at_bounds(sign * values, *np.sort([0.0, sign * 90.0]))
+    assert not found.pressed.any() and (found.at_bound[0] < 0.1).all()
 
 
 def test_a_mode_that_is_no_quadratic_of_the_parameters_is_named():
@@ -178,8 +241,8 @@ def test_errors_have_no_sensitivities_and_are_named_far_above_their_mean(shift, 
 @pytest.mark.parametrize("is_error", [True, False])
 def test_what_is_pressed_is_said_first_and_errors_may_be_small(is_error):
     z = exact_draws(np.diag([1.0, 0.3, 0.01]) ** 2)
-    z[..., 2] = np.abs(z[..., 2])
-    lower, which = [-9e9, -9e9, 0.0], [False, False, is_error]
+    z[..., 2] = np.abs(z[..., 2]) + 1
+    lower, which = [-9e9, -9e9, PRIOR_SD[2]], [False, False, is_error]
     idata = made(z, linear_frequencies(z), lower=lower, is_error=which)
     *pressed, last = ef.identifiability(idata).findings
     assert last.startswith("The data leave stiff")

@@ -146,20 +146,22 @@ def test_a_tempered_run_read_from_its_file_has_its_cold_walkers_only(tmp_path):
     moves = ef.moves.TemperedMove(ef.DEMCMove(), betas)
     run = ef.run(POSTERIOR, moves, 30, 12, seed=1, ensembles=2, backend=path)
     expected = ef.to_inference_data(run)
-    for source in (path, list(run)):
-        read = ef.to_inference_data(source, POSTERIOR)
+    for source, discard in ((path, None), (list(run), run.burn_in)):
+        read = ef.to_inference_data(source, POSTERIOR, discard)
         assert read["posterior"].sizes["chain"] == 20
         assert dataset(read, "posterior").equals(dataset(expected, "posterior"))
         for name in ("acceptance", "betas"):
             attrs = read["posterior"].attrs, expected["posterior"].attrs
             assert attrs[0][name] == attrs[1][name]
-        assert_array_equal(ef.diagnose(source).ess_bulk, ef.diagnose(run).ess_bulk)
+        found = ef.diagnose(source, discard)
+        assert_array_equal(found.ess_bulk, ef.diagnose(run).ess_bulk)
 
 
 def test_all_that_takes_an_arviz_object_takes_a_run(runs):
     idata = ef.to_inference_data(runs)
     assert ef.to_inference_data(idata) is idata
-    backends = ef.to_inference_data([s.backend for s in runs], POSTERIOR)
+    backends = [s.backend for s in runs]
+    backends = ef.to_inference_data(backends, POSTERIOR, runs.burn_in)
     for function in (ef.diagnose, ef.identifiability, ef.parameter_table):
         assert str(function(runs)) == str(function(idata))
     for function in (ef.frequency_table, ef.predictive_table):

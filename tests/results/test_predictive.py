@@ -73,7 +73,7 @@ def test_a_new_measurement_has_measurement_error_and_discrepancy():
 
 @pytest.mark.filterwarnings("ignore:model. the same response")
 def test_each_measurement_of_a_variable_has_its_rows_and_its_own_error():
-    errors, usual = {"first": 0.1, "again": 0.01}, posterior(beta=1.0)
+    errors, usual = {"first": 0.1, "again": 0.01}, posterior(beta=100.0)
     terms = [
         ef.FrequencyTerm(MEASURED, relative_sd=sd, name=name)
         for name, sd in errors.items()
@@ -181,6 +181,6 @@ def test_tables_of_a_sampled_paired_model_report_its_crossings():
 def test_another_posterior_is_refused():
     idata = made(np.ones((1, 4, 3)))
     with pytest.raises(ValueError, match="posterior.*'b'"):
-        ef.predictive_table(idata, posterior(("b",), beta=1.0))
+        ef.predictive_table(idata, posterior(("b",), beta=100.0))
     with pytest.raises(ValueError, match="'freq"):
-        ef.predictive_table(idata, posterior(beta=1.0))
+        ef.predictive_table(idata, posterior(beta=100.0))

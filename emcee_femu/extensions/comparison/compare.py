@@ -16,7 +16,7 @@ from ...results.arviz_objects import InferenceData, samples
 from ...results.diagnose import diagnose
 from ...results.to_arviz import to_inference_data
 from ...sampling.arguments import Moves, check_walkers, weigh_moves
-from ...sampling.judge import FEWEST_STEPS
+from ...sampling.burn_in import FEWEST_STEPS
 from ...sampling.record import Run
 from ...sampling.run import run
 from ...sampling.verdict import Diagnosis
@@ -127,7 +127,7 @@ def compare_moves(
     costs = [_count_cost(pairs) for pairs in weighted.values() if pairs is not None]
     per_step = round(nwalkers * ensembles * max(costs, default=1.0))
     steps = _count_steps(steps, max_evaluations, per_step)
-    most = steps // 2 if discard is None else checks.whole_number("discard", discard)
+    most = 0 if discard is None else checks.whole_number("discard", discard)
     if steps - most < FEWEST_STEPS:
         raise ValueError(
             f"discard: expected at least {FEWEST_STEPS} steps to judge, got "
@@ -272,7 +272,8 @@ def _tabulate(
     """Tabulate the moves, one row each, with numbers of the worst parameter.
 
     FE solves are those of the whole run; "before chain" are evaluations for the starts
-    and the search of "auto"; "burn-in" are steps that were left out; ESS per 1000 counts evaluations of the kept steps, +- is
+    and the search of "auto"; "burn-in" are the steps
+    that were left out; ESS per 1000 counts evaluations of the kept steps, +- is
     its standard error over the ensembles; "end to end" counts all evaluations. Errors
     are the largest against a reference, in its standard deviations.
     """

@@ -19,9 +19,9 @@ from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import InferenceData, dataset, samples
 from ...results.diagnose import diagnose
 from ...results.to_arviz import check_sampled, read_samples
+from ...sampling.burn_in import FEWEST_STEPS
 from ...sampling.climbing import Maximum, climb
 from ...sampling.importance import GOOD_K, kish_share, smooth_tail
-from ...sampling.judge import FEWEST_STEPS
 from ...sampling.verdict import (
     NOT_CONVERGED,
     NOT_SEARCHED,
