@@ -11,7 +11,9 @@ likelihoods   response -> log-likelihood
 posterior     models + terms + prior, for a batch of walkers
 evaluation    what solves, stores and counts; failed solves, pools, files
 moves         proposals: plain emcee moves
-sampling      run emcee: starts, seeds, independent ensembles; anneal a population
+search        find the maxima, fit a proposal to them; anneal a population
+verdict       judge chains: their numbers, and what speaks against them
+sampling      run emcee: starts, seeds, independent ensembles
 results       emcee -> ArviZ; diagnostics, evidence, tables, what the data say
 figures       by what they show
 extensions    subjects that few need, each on the stages above and on none other:
@@ -56,9 +58,9 @@ from .results.tables import pairing_table as pairing_table
 from .results.tables import parameter_table as parameter_table
 from .results.tables import predictive_table as predictive_table
 from .results.to_arviz import to_inference_data as to_inference_data
-from .sampling.anneal import anneal as anneal
-from .sampling.find_map import find_map as find_map
 from .sampling.run import run as run
+from .search.anneal import anneal as anneal
+from .search.find_map import find_map as find_map
 
 if TYPE_CHECKING:  # imported when first asked for
     from . import figures as figures

@@ -21,7 +21,7 @@ from scipy import stats
 from support.runs import leave_out, shorten_search
 
 import emcee_femu as ef
-from emcee_femu.sampling import auto
+from emcee_femu.search import auto
 
 WALKERS, PILOT, APART = 32, 120, 50
 DRAWS = WALKERS - 1
@@ -166,7 +166,7 @@ def test_the_truth_ranks_uniformly_among_the_draws_of_auto(monkeypatch):
     shorten_search(monkeypatch)
     leave_out(monkeypatch, auto.follow_tails)
     assert largest(auto_ranks(bent, 60, 21)) < LIMIT
-    name = "emcee_femu.sampling.record.IndependenceMove"
+    name = "emcee_femu.search.record.IndependenceMove"
     monkeypatch.setattr(name, WithoutProposalDensity)
     assert largest(auto_ranks(bent, 90, 31)) > LIMIT
 

@@ -18,7 +18,7 @@ from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import KnownPrior
 from ..results.arviz_objects import prior_draws, samples
 from ..results.to_arviz import read_samples
-from ..sampling.judge import mean_sizes
+from ..verdict.statistics import mean_sizes
 from .style import (
     BELOW,
     BLUE,

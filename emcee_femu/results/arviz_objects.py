@@ -11,8 +11,8 @@ import numpy as np
 
 from .. import checks
 from ..contracts import Floats
-from ..sampling.importance import resample
-from ..sampling.judge import load_arviz
+from ..search.importance import resample
+from ..verdict.statistics import load_arviz
 
 InferenceData: TypeAlias = Any  # before version 1 its own class, since then a DataTree
 Dataset: TypeAlias = Any  # xarray's

@@ -21,7 +21,8 @@ from ..evaluation.samplers import describe_moves, moves_of
 from ..evaluation.store import Store, StoredChain
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
-from ..sampling.record import Chains, Run, SearchRecord, burn_in_of, read_backends
+from ..sampling.record import Run, burn_in_of, read_backends
+from ..search.record import Chains, SearchRecord
 from .arviz_objects import InferenceData, dataset, is_arviz, samples
 
 # Attributes of ArviZ objects: which steps were left out, and what is so without them.

@@ -9,7 +9,7 @@ from .. import checks
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre
 from ..posterior.sensors import SuspectSensor, suspect_sensors
-from ..sampling.find_map import FoundMap
+from ..search.find_map import FoundMap
 from ..table import Parts, Report
 from .arviz_objects import dataset, samples
 from .to_arviz import read_samples

@@ -9,10 +9,10 @@ import numpy as np
 from scipy import stats
 
 from ..posterior.log_posterior import LogPosterior
-from ..sampling.first_solve import doubt_units, is_constant, same_response
-from ..sampling.judge import MaximaWeights
-from ..sampling.record import Chains
-from ..sampling.verdict import (
+from ..search.first_solve import doubt_units, is_constant, same_response
+from ..search.record import Chains
+from ..verdict.statistics import MaximaWeights
+from ..verdict.verdict import (
     NO_CHAINS,
     NOT_SEARCHED,
     SEARCHED,

@@ -6,11 +6,11 @@ import numpy as np
 from scipy import stats
 
 from ..contracts import Floats
-from ..sampling.importance import bridge
-from ..sampling.judge import tau_by_ensemble
-from ..sampling.record import Annealed, Chains, about_box
-from ..sampling.verdict import NOT_CONVERGED, judge_chains, measure
+from ..search.importance import bridge
+from ..search.record import Annealed, Chains, about_box
 from ..table import Parts, Report
+from ..verdict.statistics import tau_by_ensemble
+from ..verdict.verdict import NOT_CONVERGED, judge_chains, measure
 from .chains import read_chains
 
 EVIDENCE_TAU = 20  # of a series, below which neither tau nor its error can be believed

@@ -9,8 +9,8 @@ from scipy.stats import skew
 from ..contracts import Floats
 from ..posterior.derivatives import place
 from ..posterior.priors import summarize_prior
-from ..sampling.find_map import FoundMap
-from ..sampling.quadratic import draw_inside, moments_inside
+from ..search.find_map import FoundMap
+from ..search.quadratic import draw_inside, moments_inside
 from ..table import Parts, Report, Table
 from .arviz_objects import (
     InferenceData,

@@ -17,7 +17,7 @@ from ..contracts import Floats, Variable, read, read_declared
 from ..likelihoods.term import Term
 from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
-from ..sampling.judge import spread_out
+from ..verdict.statistics import spread_out
 from .arviz_objects import Dataset, InferenceData, dataset, original_name
 
 FLAT = 1e-9  # sd of ln(lambda) of a mode that no parameter changes, but rounding

@@ -20,7 +20,7 @@ from ..contracts import Floats, Places, Variable
 from ..posterior.compatibility import RESERVED
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import KnownPrior, prior_centre, summarize_prior
-from ..sampling.record import Chains
+from ..search.record import Chains
 from .arviz_objects import Dataset, InferenceData, groups, is_arviz, samples, wrap
 from .chains import STORED, TOLD, read_chains
 from .measured import ONE_NUMBER, Labelled, gather_by_terms, gather_observed

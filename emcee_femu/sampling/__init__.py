@@ -1,1 +1,1 @@
-"""Run emcee: starts, recipes, files that survive a kill, pools."""
+"""A run: its arguments, samplers, steps and end; search and verdict lie below it."""

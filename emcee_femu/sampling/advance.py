@@ -10,16 +10,11 @@ import numpy as np
 from ..evaluation.evaluator import Bar, Evaluation
 from ..evaluation.samplers import Sampler, Weighted, caption, progress_bar, take_turns
 from ..moves.proposing import ladder_of
-from .burn_in import FEWEST_STEPS
-from .record import (
-    STOPPED_BY_SOLVES,
-    STOPPED_BY_VERDICT,
-    Run,
-    burn_in_of,
-    read_backends,
-)
-from .settings import SETTINGS
-from .verdict import NOT_CONVERGED, judge_chains, measure
+from ..search.record import STOPPED_BY_SOLVES, STOPPED_BY_VERDICT
+from ..search.settings import SETTINGS
+from ..verdict.burn_in import FEWEST_STEPS
+from ..verdict.verdict import NOT_CONVERGED, judge_chains, measure
+from .record import Run, burn_in_of, read_backends
 
 # Without steps= the verdict is asked first at so many steps, a little more than the 25
 # that tau takes, then each time at a seventh more: few looks, and little too much.

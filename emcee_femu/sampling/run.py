@@ -28,12 +28,13 @@ from ..evaluation.samplers import (
 from ..evaluation.store import Store, StoredChain
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
+from ..search.auto import budget_of, search_and_start
+from ..search.first_solve import check_first_solve, draw_starts, time_batch
+from ..search.record import STOPPED_BY_STEPS, SearchRecord
+from ..search.settings import SETTINGS
 from .advance import sample_steps, sample_until
 from .arguments import Moves, check_backends, check_starts, check_walkers, weigh_moves
-from .auto import budget_of, search_and_start
-from .first_solve import check_first_solve, draw_starts, time_batch
-from .record import STOPPED_BY_STEPS, Run, SearchRecord
-from .settings import SETTINGS
+from .record import Run
 
 # Part of few solves for whose chain a search is made; the search has half of them.
 SIZED_BY = 3

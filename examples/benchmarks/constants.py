@@ -40,7 +40,11 @@ from emcee_femu.table import Table
 # Each after what imports it.
 OWNERS = """run advance auto explore tails adapt campaign archive maxima record
     response_surface anneal climbing curvature quadratic proposal importance""".split()
-MODULES = {owner: import_module(f"emcee_femu.sampling.{owner}") for owner in OWNERS}
+FOLDERS = {"run": "sampling", "advance": "sampling"}
+MODULES = {
+    owner: import_module(f"emcee_femu.{FOLDERS.get(owner, 'search')}.{owner}")
+    for owner in OWNERS
+}
 SETTINGS = MODULES["auto"].SETTINGS
 LEFT_OUT = """KEPT_WEIGHTS FOLLOWED_MAC TOUCHING NARROWEST CURVATURE_ROUNDED NO_SENSE
     FEWEST_WEIGHTS LAST_POWERS MOST_THOROUGH AGREED TEMPERATURE_SHARES NO_MODE BRIEF

@@ -9,7 +9,7 @@ from support.normal_tests import as_idata, many, normal_test
 from support.runs import leave_out
 
 import emcee_femu as ef
-from emcee_femu.sampling import auto
+from emcee_femu.search import auto
 
 POPULATION = ef.population.NormalPopulation(["k1", "k2"])
 HEAT = np.linspace(-5, 30, 6)

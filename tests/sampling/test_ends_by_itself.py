@@ -11,7 +11,7 @@ from numpy.testing import assert_array_equal
 from support.free_posterior import box, free_posterior
 
 import emcee_femu as ef
-from emcee_femu.sampling.settings import SETTINGS
+from emcee_femu.search.settings import SETTINGS
 
 OPTIONS = {"nwalkers": 8, "ensembles": 4, "seed": 1}
 

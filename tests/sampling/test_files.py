@@ -102,7 +102,7 @@ def test_what_auto_found_is_not_sought_again(whole, path, monkeypatch):
     path.unlink()
     attempt("auto", path, stop=first // 2)
     # Another version of the package asks for other points.
-    monkeypatch.setattr("emcee_femu.sampling.auto.FEWEST_SEARCHED", 500)
+    monkeypatch.setattr("emcee_femu.search.auto.FEWEST_SEARCHED", 500)
     with pytest.raises(ValueError, match="search.*run.chain"):
         sampled(path, moves="auto")
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from emcee_femu.evaluation.evaluator import Evaluation, Solver
-from emcee_femu.sampling.campaign import Campaign, Sizes
-from emcee_femu.sampling.ledger import Ledger
+from emcee_femu.search.campaign import Campaign, Sizes
+from emcee_femu.search.ledger import Ledger
 
 KEPT = {"adapt": 3_000, "judge": 4_000, "bend": 0, "tune": 0}
 

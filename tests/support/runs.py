@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 import emcee_femu as ef
-from emcee_femu.sampling import auto
-from emcee_femu.sampling.settings import SETTINGS
+from emcee_femu.search import auto
+from emcee_femu.search.settings import SETTINGS
 
 
 class Counting:
@@ -60,8 +60,8 @@ def leave_out(monkeypatch, *stages):
 
 def shorten_search(monkeypatch):
     """Let "auto" take less care: starts that a valid sampler may well have."""
-    monkeypatch.setattr("emcee_femu.sampling.auto.FEWEST_SEARCHED", 400)
-    monkeypatch.setattr("emcee_femu.sampling.auto.ROUND", 200)
-    monkeypatch.setattr("emcee_femu.sampling.tails.TAIL_ROUNDS", 1)
+    monkeypatch.setattr("emcee_femu.search.auto.FEWEST_SEARCHED", 400)
+    monkeypatch.setattr("emcee_femu.search.auto.ROUND", 200)
+    monkeypatch.setattr("emcee_femu.search.tails.TAIL_ROUNDS", 1)
     settings = replace(SETTINGS, fruitless=2)
-    monkeypatch.setattr("emcee_femu.sampling.auto.SETTINGS", settings)
+    monkeypatch.setattr("emcee_femu.search.auto.SETTINGS", settings)

@@ -16,11 +16,11 @@ from ...results.arviz_objects import InferenceData, samples
 from ...results.diagnose import diagnose
 from ...results.to_arviz import to_inference_data
 from ...sampling.arguments import Moves, check_walkers, weigh_moves
-from ...sampling.burn_in import FEWEST_STEPS
 from ...sampling.record import Run
 from ...sampling.run import run
-from ...sampling.verdict import Diagnosis
 from ...table import Column, Parts, Report, Table
+from ...verdict.burn_in import FEWEST_STEPS
+from ...verdict.verdict import Diagnosis
 
 MOVE_LEAD = 2.0  # combined standard errors by which a winner must be ahead
 

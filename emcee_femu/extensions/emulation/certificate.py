@@ -9,10 +9,10 @@ from ...contracts import Floats, Reported
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import InferenceData, groups, unit_of, wrap
 from ...results.to_arviz import convert, pick_some
-from ...sampling.importance import GOOD_K
-from ...sampling.record import Chains
-from ...sampling.verdict import Statement
+from ...search.importance import GOOD_K
+from ...search.record import Chains
 from ...table import Parts, Report, Table, unit_column
+from ...verdict.verdict import Statement
 
 # Efficiency above which weights are so equal that their tail is no matter.
 EQUAL_WEIGHTS = 0.9

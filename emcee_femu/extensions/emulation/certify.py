@@ -19,10 +19,10 @@ from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import InferenceData, dataset, samples
 from ...results.diagnose import diagnose
 from ...results.to_arviz import check_sampled, read_samples
-from ...sampling.burn_in import FEWEST_STEPS
-from ...sampling.climbing import Maximum, climb
-from ...sampling.importance import GOOD_K, kish_share, smooth_tail
-from ...sampling.verdict import (
+from ...search.climbing import Maximum, climb
+from ...search.importance import GOOD_K, kish_share, smooth_tail
+from ...verdict.burn_in import FEWEST_STEPS
+from ...verdict.verdict import (
     NOT_CONVERGED,
     NOT_SEARCHED,
     SEARCHED,

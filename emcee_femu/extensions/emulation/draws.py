@@ -7,9 +7,9 @@ import numpy as np
 from ...contracts import Floats
 from ...evaluation.evaluator import Evaluation, Solver
 from ...moves.proposing import temper
-from ...sampling.anneal import anneal_population, fewest_members
-from ...sampling.coordinates import Coordinates
-from ...sampling.record import Annealed
+from ...search.anneal import anneal_population, fewest_members
+from ...search.coordinates import Coordinates
+from ...search.record import Annealed
 from .emulated import EmulatedModel
 from .problem import EmulationProblem
 

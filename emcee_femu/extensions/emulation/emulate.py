@@ -19,7 +19,7 @@ from ...evaluation.pools import count_workers
 from ...evaluation.resume import describe, open_evaluator
 from ...evaluation.samplers import caption, check_progress, progress_bar
 from ...posterior.log_posterior import LogPosterior
-from ...sampling.coordinates import Coordinates
+from ...search.coordinates import Coordinates
 from ...table import Table
 from .draws import GROWN, EmulatedDraws, Explorer
 from .emulated import EmulatedExperiments, EmulatedModel, emulate_each

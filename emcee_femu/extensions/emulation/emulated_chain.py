@@ -11,9 +11,9 @@ from ...contracts import Floats, Prior
 from ...results.arviz_objects import InferenceData, dataset, is_weighted
 from ...results.chains import read_chains
 from ...results.diagnose import diagnose
-from ...sampling.climbing import Maximum
-from ...sampling.coordinates import Coordinates
-from ...sampling.judge import effective_sizes, mean_sizes, size_by_means
+from ...search.climbing import Maximum
+from ...search.coordinates import Coordinates
+from ...verdict.statistics import effective_sizes, mean_sizes, size_by_means
 from .certificate import FOUND, MISSED_SHARE
 
 GAPS = 1.5  # in largest gaps between draws: beyond all of them

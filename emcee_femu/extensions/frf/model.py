@@ -29,7 +29,7 @@ from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import samples
 from ...results.tables import INTERVAL
 from ...results.to_arviz import read_samples
-from ...sampling.judge import spread_out
+from ...verdict.statistics import spread_out
 from .measurements import (
     FRF_KINDS,
     FRFMeasurements,

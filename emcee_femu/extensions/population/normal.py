@@ -23,8 +23,8 @@ from ...contracts import Floats, Parameters, Response, Variable
 from ...likelihoods.term import Term
 from ...posterior.priors import IndependentPrior, describe_marginal
 from ...results.arviz_objects import InferenceData, dataset, samples
-from ...sampling.judge import spread_out
 from ...table import Parts, Report, Table
+from ...verdict.statistics import spread_out
 
 FEWEST_OF_A_TEST = 100  # draws of a test
 RESOLVED = 20  # draws needed inside the narrowest population that can be resolved

@@ -14,9 +14,9 @@ from ...results.arviz_objects import InferenceData, samples, unit_of
 from ...results.diagnose import diagnose
 from ...results.tables import INTERVAL
 from ...results.to_arviz import to_inference_data
-from ...sampling.importance import GOOD_K, kish_share, pareto_k
 from ...sampling.record import Run
 from ...sampling.run import run
+from ...search.importance import GOOD_K, kish_share, pareto_k
 from ...table import Column, Parts, Report, Table
 from .normal import (
     LEAST_DENSITY,

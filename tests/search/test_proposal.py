@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from emcee_femu.moves.mixture import Mixture
-from emcee_femu.sampling.proposal import CARRIER, TAIL, Component, Proposal, assign
+from emcee_femu.search.proposal import CARRIER, TAIL, Component, Proposal, assign
 
 CENTRES = np.array([[0.0, 0.0], [1.0, 0.0], [9.0, 9.0], [-9.0, 9.0]])
 WEIGHTS = np.array([0.4, 0.3, 0.2, 0.1])

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from ..contracts import Floats
+from ..search.importance import pareto_k
+from ..search.record import Chains
 from ..table import Parts, Report, Table
 from .burn_in import find_burn_in, means_over_walkers
-from .importance import pareto_k
-from .record import Chains
 
 FEWEST_ENSEMBLES = 3  # of which the scatter is known
 FALSE_ALARM = 1e-4  # its probability, over all parameters

@@ -9,10 +9,10 @@ from support.free_posterior import box, free_posterior
 import emcee_femu as ef
 from emcee_femu.evaluation.resume import open_evaluator
 from emcee_femu.moves.mixture import Mixture
-from emcee_femu.sampling.adapt import adapt, judge
-from emcee_femu.sampling.importance import find_acceptance, pareto_k, resample
-from emcee_femu.sampling.proposal import Proposal
-from emcee_femu.sampling.response_surface import fit_surface, learn_surface
+from emcee_femu.search.adapt import adapt, judge
+from emcee_femu.search.importance import find_acceptance, pareto_k, resample
+from emcee_femu.search.proposal import Proposal
+from emcee_femu.search.response_surface import fit_surface, learn_surface
 
 
 @pytest.mark.parametrize("k", [0.2, 0.9])
@@ -127,7 +127,7 @@ def test_a_response_that_is_a_polynomial_is_found_exactly(inferred):
 def test_polynomials_have_more_points_than_terms(monkeypatch):
     """Though draws are out of bounds."""
     # One fit more after the first, which is the one in question.
-    monkeypatch.setattr("emcee_femu.sampling.response_surface.SURFACE_ROUNDS", 1)
+    monkeypatch.setattr("emcee_femu.search.response_surface.SURFACE_ROUNDS", 1)
     prior = ef.IndependentPrior({"a": stats.lognorm(0.3), "b": stats.lognorm(0.4)})
     term = ef.FrequencyTerm([3.1, 5.2], relative_sd=0.02)
     posterior = ef.LogPosterior(Powers(), term, prior)

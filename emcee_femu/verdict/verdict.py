@@ -10,10 +10,11 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ..contracts import Floats
+from ..search.importance import GOOD_K, are_reliable
+from ..search.record import ENDED, Chains
 from ..table import Parts, Report, Table
 from .burn_in import FEWEST_STEPS
-from .importance import GOOD_K, are_reliable
-from .judge import (
+from .statistics import (
     MaximaWeights,
     effective_sizes,
     excess_scatter,
@@ -25,7 +26,6 @@ from .judge import (
     tau_by_ensemble,
     weigh_maxima,
 )
-from .record import ENDED, Chains
 
 # Steps per autocorrelation time below which tau itself is unreliable. (emcee centres
 # each walker on its own mean, so an estimate is .7 of tau on average. The largest of

@@ -9,11 +9,11 @@ from support.runs import leave_out
 
 import emcee_femu as ef
 from emcee_femu.moves.mixture import Mixture
-from emcee_femu.sampling import auto
-from emcee_femu.sampling.adapt import carry
-from emcee_femu.sampling.explore import explore
-from emcee_femu.sampling.proposal import CARRIER, TAIL, Proposal
-from emcee_femu.sampling.tails import follow_tails
+from emcee_femu.search import auto
+from emcee_femu.search.adapt import carry
+from emcee_femu.search.explore import explore
+from emcee_femu.search.proposal import CARRIER, TAIL, Proposal
+from emcee_femu.search.tails import follow_tails
 
 FAR, LIGHT = 25.0, 0.002
 

@@ -8,10 +8,10 @@ from support.free_posterior import FreeModel, box, free_posterior
 
 import emcee_femu as ef
 from emcee_femu.evaluation.evaluator import Evaluation, Solver
-from emcee_femu.sampling import quadratic
-from emcee_femu.sampling.climbing import climb, distinct
-from emcee_femu.sampling.coordinates import Coordinates
-from emcee_femu.sampling.quadratic import log_integral, make_positive
+from emcee_femu.search import quadratic
+from emcee_femu.search.climbing import climb, distinct
+from emcee_femu.search.coordinates import Coordinates
+from emcee_femu.search.quadratic import log_integral, make_positive
 
 # Lognormal times lognormal: the logarithms of s and t are Gaussian, and x by itself.
 PRIOR = ef.IndependentPrior(

@@ -10,9 +10,9 @@ from support.stored import sampled
 
 import emcee_femu as ef
 from emcee_femu.evaluation.store import Store
-from emcee_femu.sampling.burn_in import find_burn_in
-from emcee_femu.sampling.judge import find_drift
-from emcee_femu.sampling.verdict import BEGINS_ELSEWHERE
+from emcee_femu.verdict.burn_in import find_burn_in
+from emcee_femu.verdict.statistics import find_drift
+from emcee_femu.verdict.verdict import BEGINS_ELSEWHERE
 
 PHIS = 0.9, 0.8, 0.5  # tau is 19, 9 and 3 steps
 MIX = np.array([[1.0, 0.0, 0.0], [0.8, 0.6, 0.0], [-0.5, 0.5, 0.7]])

@@ -6,9 +6,9 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from emcee_femu.moves.mixture import Mixture
-from emcee_femu.sampling.archive import Archive, Draft
-from emcee_femu.sampling.importance import kish_share
-from emcee_femu.sampling.proposal import Proposal
+from emcee_femu.search.archive import Archive, Draft
+from emcee_femu.search.importance import kish_share
+from emcee_femu.search.proposal import Proposal
 
 MEAN, SD, LOG_Z = np.array([1.0, -1.0]), np.array([0.5, 1.5]), 3.0
 TARGET = stats.multivariate_normal(MEAN, np.diag(SD**2))
