@@ -151,6 +151,8 @@ def find_drift(draws: Floats) -> int:
     series = means_over_walkers(draws)
     steps, ensembles, m = series.shape
     half = steps // 2
+    if half < SHORTEST_DRIFT:
+        return 0
     late = series[half:]
     sizes = mean_sizes(late.swapaxes(0, 1)) / len(late)  # by step, of all ensembles
     lengths = []
@@ -159,7 +161,7 @@ def find_drift(draws: Floats) -> int:
         half //= 2
     # By F, since so few independent values tell the variance.
     known = np.fmax(sizes * len(late) - 1, 1.0)
-    least = stats.f.isf(FALSE_ALARM / (m * max(len(lengths), 1)), 1, known)
+    least = stats.f.isf(FALSE_ALARM / (m * len(lengths)), 1, known)
     for length in lengths:
         apart = series[:length].mean(axis=(0, 1)) - late.mean(axis=(0, 1))
         share = 1 / length + 1 / len(late)

@@ -119,7 +119,7 @@ def temper(problem: Problem, seed: int) -> tuple[Any, int]:
     """Return the evidence of a tempered run."""
     move = ef.moves.TemperedMove(ef.DEMCMove(mode_jump=0.1), BETAS)
     run = ef.run(problem.posterior, move, steps=problem.steps, ensembles=1, seed=seed)
-    evidence = ef.log_evidence(run, discard=problem.steps // 4)
+    evidence = ef.log_evidence(run)
     return evidence, run[0].nwalkers * problem.steps
 
 

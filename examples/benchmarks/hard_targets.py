@@ -12,10 +12,10 @@ with --targets for a name or a part of names.
 import functools
 import warnings
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from commands import command, draws_of, tabulate
+from commands import command, tabulate
 from hard_posteriors import BELIEVED, FRESH, TARGETS, Target, inside, posterior_of
 
 import emcee_femu as ef
@@ -71,14 +71,15 @@ def compare(
     posterior: ef.LogPosterior,
     truth: Truth,
     label: Callable[[Floats], Floats] | None,
-    **options: int,
+    **options: Any,
 ) -> Run:
-    """Run "auto" on a posterior, and compare with the truth."""
+    """Run "auto", or given moves, on a posterior, and compare with the truth."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the verdict is what counts
         run = ef.run(posterior, **options)
         found = ef.diagnose(run)
-    x = draws_of(run)
+    group = ef.to_inference_data(run)["posterior"]  # without burn-in and hot walkers
+    x = np.column_stack([np.ravel(group[name]) for name in posterior.names])
     error = truth.sd * np.sqrt(1 / found.ess_bulk + 1 / truth.draws)
     off = np.abs(x.mean(axis=0) - truth.mean)
     relative = x.std(axis=0) / truth.sd - 1

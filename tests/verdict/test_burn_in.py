@@ -86,6 +86,12 @@ def test_a_temperature_that_comes_from_elsewhere_counts_as_all():
     assert find_burn_in(cold) < 45 <= 90 == find_burn_in(both, rungs=2)
 
 
+@pytest.mark.parametrize("steps", range(1, 13))
+def test_a_few_steps_are_all_left(steps):
+    few = shifted(exact(1, 60), 4)[:steps]
+    assert find_burn_in(few) <= max(steps - 8, 0) and find_drift(few) >= 0
+
+
 def test_walkers_that_never_move_say_nothing():
     still = np.ones((40, 2, 4, 3))
     assert find_burn_in(still) == find_drift(still) == 0
@@ -153,8 +159,10 @@ def test_every_reader_leaves_it_out_and_says_so(stored, tmp_path):
 
 
 def test_a_search_leaves_nothing_to_burn():
-    run = ef.run(FAR, seed=1, steps=20)
-    assert run.burn_in == 0 and ef.diagnose(run).steps == 20
+    runs = [ef.run(FAR, nwalkers=8, ensembles=1, seed=s, steps=30) for s in range(8)]
+    assert any(find_burn_in(run[0].get_chain()[:, None]) for run in runs)  # by chance
+    for run in runs:
+        assert run.burn_in == 0 and ef.diagnose(run).steps == 30
 
 
 def test_a_file_of_a_version_that_kept_no_burn_in_is_read(stored):
