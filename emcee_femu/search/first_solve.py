@@ -11,7 +11,8 @@ import numpy as np
 from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
 from ..evaluation.resume import StoredEvaluation
-from ..posterior.log_posterior import LogPosterior
+from ..evaluation.samplers import start_state
+from ..posterior.log_posterior import LOG_POSTERIOR, LOG_PRIOR, LogPosterior
 from ..posterior.priors import prior_centre, summarize_prior
 from ..posterior.sensors import suspect_sensors
 
@@ -80,7 +81,7 @@ def _compare(evaluation: Evaluation) -> tuple[int, list[str], float]:
     if doubt(posterior, posterior.unfold(rows)):
         draws = posterior.prior.sample(np.random.default_rng(0), REACH_DRAWS)
         rows = np.concatenate([rows, _solve(evaluation, draws)])
-    solves = int(np.count_nonzero(rows[:, 1] > -np.inf))
+    solves = int(np.count_nonzero(rows[:, LOG_PRIOR] > -np.inf))
     doubts = doubt(posterior, posterior.unfold(rows)) + slips
     if solves:
         with suppress(Exception):  # of any kind, as below
@@ -245,20 +246,19 @@ def draw_starts(
             for doubt in doubt_reach(posterior, rows):
                 warnings.warn(doubt, stacklevel=3)
         for _ in range(MOST_START_DRAWS if points is None else 0):
-            again = np.flatnonzero(~np.isfinite(rows[:, 0]))
+            again = np.flatnonzero(~np.isfinite(rows[:, LOG_POSTERIOR]))
             if not len(again):
                 break
             theta[again] = posterior.start(len(again), stream.spawn(1)[0])
             rows[again] = evaluator.rows(theta[again])
-        finite = np.isfinite(rows[:, 0])
+        finite = np.isfinite(rows[:, LOG_POSTERIOR])
         if not finite.all():
             walker = int(np.argmin(finite))
             values = dict(zip(posterior.names, theta[walker].tolist(), strict=True))
             raise ValueError(
-                f"starts: the log-posterior of walker {walker} is {rows[walker, 0]} at "
-                f"{values}; every walker must start where it is finite (for a solve "
+                f"starts: the log-posterior of walker {walker} is "
+                f"{rows[walker, LOG_POSTERIOR]} at {values}; every walker must start where it is finite (for a solve "
                 "that failed, on_failure='raise' tells why)"
             )
-        random = np.random.RandomState(np.random.MT19937(stream)).get_state()
-        states.append(emcee.State(theta, rows[:, 0], rows[:, 1:], random))
+        states.append(start_state(theta, rows, stream))
     return states
