@@ -257,8 +257,9 @@ def draw_starts(
             values = dict(zip(posterior.names, theta[walker].tolist(), strict=True))
             raise ValueError(
                 f"starts: the log-posterior of walker {walker} is "
-                f"{rows[walker, LOG_POSTERIOR]} at {values}; every walker must start where it is finite (for a solve "
-                "that failed, on_failure='raise' tells why)"
+                f"{rows[walker, LOG_POSTERIOR]} at {values}; every walker must start "
+                "where it is finite (for a solve that failed, on_failure='raise' tells "
+                "why)"
             )
         states.append(start_state(theta, rows, stream))
     return states
