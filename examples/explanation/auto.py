@@ -114,15 +114,17 @@ print("their standard errors:", np.round(search.errors, 3))
 ef.diagnose(run)
 
 # %% [markdown]
-# A maximum that no point of the search hit is not in the proposal. The chain holds no part
-# of the search, so that nothing needs to be discarded:
+# A maximum that no point of the search hit is not in the proposal. The chain holds no
+# part of the search, so that nothing needs to be discarded. Runs by other moves, which start
+# from the prior, find their own burn-in, and all that reads them leaves it out:
 
 # %%
 chain = run[0].get_chain().shape
 print(f"before: {run.evaluations}; each chain: {chain}")
 evidence = ef.log_evidence(run)  # by the frozen proposal: no further solve
 print(evidence)
-idata = ef.to_inference_data(run)  # no discard
+print("burn-in:", run.burn_in)
+idata = ef.to_inference_data(run)
 
 # %% [markdown]
 # ## What its numbers are worth

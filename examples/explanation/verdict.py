@@ -40,6 +40,7 @@ good
 #
 # | `chains.short` | what was seen | what to do |
 # |---|---|---|
+# | the chain begins elsewhere | the first steps are another distribution than the second half | `discard=` the number that it says, or run the steps |
 # | N walkers stuck | a parameter of a walker never changed | look at the starts, and at failed solves |
 # | too short | fewer than 25 autocorrelation times | run the steps that it says |
 # | walkers stay apart | R-hat over walkers above 1.05, in shorter chains above 1.1 | run the steps; far above, `moves="auto"` |
@@ -50,6 +51,12 @@ good
 # | weights unknown | neither the chain nor importance sampling determines a weight to within 0.05 | run the steps |
 # | proposal too narrow | there are several modes, and Pareto k is above 0.7 of weights p / q that are half or less efficient; or too few accepted proposals from a mode (20); or waits that make the error of a mean, or of a weight, larger than 0.05 sd | run the steps |
 # | one ensemble, starts given | nothing, but nothing could have been seen: the status is "well mixed" | `ensembles=4`, starts from the prior |
+#
+# Runs by moves other than "auto" start from the prior. Such a run finds its own burn-in
+# (`run.burn_in`, at most half of the steps: those without which the means of all
+# parameters and of their squares have the smallest standard errors, by the marginal
+# standard error rule of White, 1997), and the verdict, tables and figures leave it out
+# unless `discard=` says otherwise. `run[0].get_chain()` is emcee's own and has all steps.
 #
 # ## R-hat over walkers is mixing, not convergence
 #
@@ -87,7 +94,7 @@ runs, shorts = {}, {}
 for title, setting in settings.items():
     options = {"moves": ef.DEMCMove(), "nwalkers": 8, "seed": 1} | setting
     runs[title] = ef.run(posterior, **options)
-    diagnosis = ef.diagnose(runs[title], discard=setting["steps"] // 6)
+    diagnosis = ef.diagnose(runs[title])
     shorts[title] = diagnosis.chains.short
     print(f"{title}:\n{indent(fill(diagnosis.chains.sentence, 76), '  ')}\n")
 
@@ -109,7 +116,7 @@ figure, panels = plt.subplots(1, 2, figsize=(9, 3.4), sharey=True, layout="const
 compared = {"balls about optima": runs["each in its own mode"][:], "auto": run}
 for axes, (title, chains) in zip(panels, compared.items(), strict=True):
     for number, sampler in enumerate(chains):
-        draws = sampler.get_chain(discard=100, flat=True)[:, 0]
+        draws = sampler.get_chain(discard=chains.burn_in, flat=True)[:, 0]
         name, bins = f"ensemble {number + 1}", np.linspace(0.3, 2.1, 120)
         axes.hist(draws, bins, density=True, histtype="step", label=name)
     axes.plot(x1, density, "k:", label="exact")

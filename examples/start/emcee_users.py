@@ -76,7 +76,7 @@ evidence
 
 # %%
 moves = {"stretch": emcee.moves.StretchMove(), "DE-MC": ef.DEMCMove(), "auto": "auto"}
-comparison = ef.compare_moves(posterior, moves, 12, 250, discard=50, seed=1)
+comparison = ef.compare_moves(posterior, moves, 12, 250, seed=1)
 comparison
 
 # %% [markdown]
@@ -101,7 +101,8 @@ print(f"the line at x = 10: {float(at_ten.mean()):.2f} +- {float(at_ten.std()):.
 #
 # The moves are plain emcee moves. One line changes, and
 # {py:func}`~emcee_femu.diagnose` takes the samplers; several, since the walkers of one
-# ensemble are not independent.
+# ensemble are not independent. Of samplers that `run` did not make nothing is left out
+# unless you say so; if their first steps are still a way in, `diagnose` says how many.
 
 # %%
 samplers = []

@@ -71,6 +71,7 @@ compared
 # |---|---|
 # | FE solves | of the whole run; proposals out of bounds cost none |
 # | before chain | evaluations for the starts, and for the search of "auto" |
+# | burn-in | steps that the run found to be its way in, and that are left out; "auto" has none |
 # | acceptance | share of accepted proposals |
 # | tau, steps/tau | autocorrelation time; how many of them the kept chain holds |
 # | ESS bulk, ESS tail | effective samples of all ensembles, for means and for the ends of intervals |
@@ -91,7 +92,7 @@ ef.figures.plot_comparison(compared)
 # Differential evolution and tuned Metropolis-Hastings are about equally efficient: the
 # differences of walkers lie along the ellipsoid, so DE-MC saves the tuning run and no
 # more. The independence proposal of "auto" can jump anywhere. Among the random walks,
-# the one with the highest acceptance is by far the worst.
+# the one with the highest acceptance is the worst.
 #
 # ## Why not the c.o.v.
 #
@@ -129,7 +130,7 @@ print(f"converged:        {exact:.1f}")
 table = compared.table.to_frame().set_index("move")
 e, verdict = table["ESS per 1000"], table["verdict"]
 assert compared.winner == "auto" and verdict["auto"] == "converged"
-assert e["auto"] > 3 * e["DE-MC"] > 9 * e["M-H, small steps"]
+assert e["auto"] > 3 * e["DE-MC"] > 4.5 * e["M-H, small steps"]
 assert 0.5 < e["M-H, tuned"] / e["DE-MC"] < 2
 assert table["acceptance"].iloc[:4].idxmax() == "M-H, small steps"
 assert max(small) < 0.6 * exact and max(small) < min(demc)
