@@ -19,8 +19,8 @@ FAIR_SHARE = 0.5
 FEWEST_WEIGHTS = 25
 # Relative range of the largest weights, below which they are equal and have no tail.
 EQUAL = 1e-9
-# Draws at most of which all pairs are compared.
-PAIRED = 500
+# Draws at most by which an acceptance is known.
+COMPARED = 500
 
 
 def pareto_k(log_weights: Floats) -> float:
@@ -109,26 +109,43 @@ def are_reliable(k: float, share: float) -> bool:
     return not (k > GOOD_K and share < FAIR_SHARE)
 
 
-def find_acceptance(log_p: Floats, log_c: Floats, log_q: Floats) -> float:
-    r"""Return the acceptance of independent draws of c, in equilibrium with p.
+def independence_acceptance(log_weights: Floats, at_c: Floats) -> Floats:
+    r"""Return the acceptance of independent draws of c from each of some points.
 
-    .. math:: E_{x \sim p} E_{y \sim c} \min\left\{1,
-        \frac{p(y)\, c(x)}{p(x)\, c(y)}\right\}
+    .. math:: a(x) = E_{y \sim c} \min\{1, w(y) / w(x)\}, \qquad w = p / c
+
+    Args:
+        log_weights: ln w at the points, up to a constant, ``(n,)``.
+        at_c: The weight of each point among draws of c; they sum to one.
+
+    Returns:
+        a, ``(n,)``; 0 where w is not finite, as of a point where c is zero.
+    """
+    finite = np.flatnonzero(np.isfinite(log_weights))
+    order = finite[np.argsort(log_weights[finite])]
+    log_w, c = log_weights[order], at_c[order]
+    with np.errstate(divide="ignore"):  # of points that are no draws of c
+        less = np.logaddexp.accumulate(np.log(c) + log_w)
+    result = np.zeros(len(log_weights))
+    result[order] = np.exp(less - log_w) + np.append(c[:0:-1].cumsum()[::-1], 0.0)
+    return result
+
+
+def find_acceptance(log_p: Floats, log_c: Floats, log_q: Floats) -> float:
+    """Return the acceptance of independent draws of c, in equilibrium with p.
 
     Args:
         log_p: Of p, unnormalised, at draws of q, ``(n,)``; -inf where it is zero.
         log_c: The same of c.
         log_q: The same of q.
     """
-    some = slice(None, None, -(-len(log_p) // PAIRED))
+    some = slice(None, None, -(-len(log_p) // COMPARED))
     log_p, log_c, log_q = log_p[some], log_c[some], log_q[some]
     if not np.isfinite(log_p + log_c).any():
         return 0.0
     at_p, at_c = (softmax(x - log_q) for x in (log_p, log_c))
-    with np.errstate(invalid="ignore"):  # of draws where p or c is zero
-        log_weights = log_p - log_c
-        ratios = np.exp(np.minimum(log_weights - log_weights[:, None], 0.0))
-    return float(at_p @ np.nan_to_num(ratios) @ at_c)
+    with np.errstate(invalid="ignore"):  # of draws where p and c are zero
+        return float(at_p @ independence_acceptance(log_p - log_c, at_c))
 
 
 def resample(weights: Floats, size: int, offset: float | Floats) -> NDArray[np.intp]:

@@ -12,9 +12,10 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.special import softmax
 
 from ..contracts import Floats
-from ..search.importance import pareto_k
+from ..search.importance import independence_acceptance, pareto_k
 from ..search.record import Chains
 from ..table import Parts, Report, Table
 from .burn_in import find_burn_in, means_over_walkers
@@ -173,24 +174,6 @@ def find_drift(draws: Floats) -> int:
     return 0
 
 
-def expected_acceptance(log_weights: Floats) -> Floats:
-    r"""Return the acceptance of a proposal of q from each draw of p, ``(n,)``.
-
-    .. math:: a(x) = E_q \min\{1, w(y) / w(x)\}
-        = \frac{E_p \min\{1 / w(y), 1 / w(x)\}}{E_p\, 1 / w(y)}
-
-    Args:
-        log_weights: ln w = ln(p / q) at draws of p, ``(n,)``.
-    """
-    inverse = np.exp(log_weights.min() - log_weights)
-    order = np.argsort(inverse)
-    increasing = inverse[order]
-    below, above = np.cumsum(increasing), np.arange(len(inverse))[::-1]
-    result = np.empty(len(inverse))
-    result[order] = (below + increasing * above) / below[-1]
-    return result
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class MaximaWeights(Report):
     """Separate maxima of the posterior in the chain of ``run(..., "auto")``.
@@ -264,7 +247,7 @@ def weigh_maxima(chains: Chains) -> MaximaWeights | None:
     owner = np.concatenate([search.label(x) for x in pieces])
     labels = owner.reshape(draws.shape[:3])
     indicators = 1.0 * (labels[..., None] == np.arange(count))
-    accepted = expected_acceptance(log_weights)
+    accepted = independence_acceptance(log_weights, softmax(-log_weights))
     counts = np.bincount(owner, minlength=count)
     with np.errstate(invalid="ignore"):  # of maxima without a draw
         acceptance = np.bincount(owner, accepted, count) / counts
