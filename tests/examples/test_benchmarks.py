@@ -213,3 +213,11 @@ def test_sensor_doctor(capsys):
     assert shares["none"] == 100
     assert min(shares["turned"], shares["exchanged"], shares["gain 1000"]) > 82
     assert max(table.column("other %")) < 20 and "turned" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_given_moves(capsys):
+    """The law of its page, of the README's example: the burn-in is enough."""
+    found = load("benchmarks/given_moves").main(2, 300, ("two springs",), ("DE-MC",))
+    assert found.column("converged") == [2] and found.column("wrong") == [0]
+    assert found.column("solves")[0] < 15_000 and "DE-MC" in capsys.readouterr().out
