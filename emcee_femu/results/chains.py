@@ -26,7 +26,7 @@ from ..search.record import Chains, SearchRecord
 from .arviz_objects import InferenceData, dataset, is_arviz, samples
 
 # Attributes of ArviZ objects: which steps were left out, and what is so without them.
-LEFT_OUT = {"discard": 0, "thin": 1}
+STEPS_LEFT_OUT = {"discard": 0, "thin": 1}
 # Others, in words.
 TOLD = "kind", "moves", "seed", "origin", "stopped"
 # The same as JSON.
@@ -215,7 +215,7 @@ def _of_arviz(
     if told.get("search") is not None:
         told["search"] = SearchRecord.from_json(told["search"])
     told["betas"] = np.array(told.get("betas", [1.0]))
-    before, thin = (int(group.attrs.get(k, v)) for k, v in LEFT_OUT.items())
+    before, thin = (int(group.attrs.get(k, v)) for k, v in STEPS_LEFT_OUT.items())
     told["discard"] = before + discard * thin
     known = tuple(names), draws[discard:], log_prob[discard:], fractions.reshape(shape)
     return Chains(*known, posterior=posterior, **told)
