@@ -76,7 +76,8 @@ posterior = space["posterior"]
 
 
 def steps_in(file):
-    return ef.to_inference_data(file, posterior()).posterior.sizes["draw"]
+    idata = ef.to_inference_data(file, posterior(), discard=0)  # with its burn-in
+    return idata.posterior.sizes["draw"]
 
 
 job = subprocess.Popen(**start)
@@ -102,7 +103,7 @@ print(done.stdout)
 
 options = {"moves": ef.DEMCMove(), "nwalkers": 12, "ensembles": 1, "seed": 1}
 (whole,) = ef.run(posterior(), steps=300, **options)
-resumed = ef.to_inference_data(file, posterior()).posterior
+resumed = ef.to_inference_data(file, posterior(), discard=0).posterior
 same = np.array_equal(resumed["k1"], whole.get_chain()[..., 0].T)  # (walkers, steps)
 print("identical to a run that was never stopped:", same)
 
