@@ -108,11 +108,12 @@ TABLES = {  # what a user prints, which has a table in its HTML
     "parameters": "ef.parameter_table(idata)",
     "diagnosis": "ef.diagnose(run)",
     "weights": "ef.diagnose(run).maxima",
+    "search": "run.search",
     "identifiability": "ef.identifiability(idata)",
     "hyperpriors": "ef.population.NormalPopulation(['k1'])",
     "frf": "ef.frf.FRFMeasurements([1.0, 2.0], [[1j, 2j]], [(1, 2)], kind='mobility')",
 }
-SENTENCES = {"run": "run", "search": "run.search"}  # and which has none
+SENTENCES = {"run": "run"}  # and which has none
 FIGURES = {  # how a figure comes to be shown, each once
     "last line": "ef.figures.plot_correlation(idata)",
     "kept and last line": "figure = ef.figures.plot_scatter(idata)\nfigure",
