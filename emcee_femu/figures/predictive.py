@@ -197,7 +197,8 @@ def plot_tae(
     It shows how many generations the mean needs to settle, and takes up to 200 solves.
 
     Args:
-        idata: The result of :func:`run` or :func:`to_inference_data`, with its burn-in.
+        idata: The result of :func:`run`, without its burn-in, or what
+            ``to_inference_data(run, discard=0)`` returns, with it.
         posterior: The sampled posterior, if idata is an ArviZ object.
         experiment: Name of one experiment of a joint posterior.
 

@@ -136,7 +136,8 @@ def read_backends(
 
 def burn_in_of(backends: Sequence[Backend], betas: Floats) -> int:
     """Return the burn-in of chains in emcee backends, by the walkers of all betas."""
-    if not min(backend.iteration for backend in backends):
+    steps = min(backend.iteration for backend in backends)
+    if not steps:
         return 0
-    chains = read_backends(backends, betas, hot=True)
-    return find_burn_in(chains.draws, len(betas))
+    chains = [backend.get_value("chain")[:steps] for backend in backends]
+    return find_burn_in(np.stack(chains, axis=1), len(betas))

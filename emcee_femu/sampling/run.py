@@ -76,6 +76,9 @@ def run(
     :func:`diagnose` calls the chains converged. Use it if a solve takes less than
     about a second. For slower models, :func:`emulate` the posterior first.
 
+    By other moves than "auto" the walkers start from the prior. The run then finds its
+    burn-in, ``run.burn_in``, which the verdict, tables and figures leave out.
+
     The result is the same to the bit for the same seed, with or without
     ``workers``, and if the run was stopped and resumed. Cost: some 5,000 to 25,000
     solves, at most ``solves`` (a last step of moves that take several solves may

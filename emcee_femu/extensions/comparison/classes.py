@@ -87,8 +87,7 @@ def compare_models(
 
     Args:
         models: At least two classes by label: anything that :func:`log_evidence`
-            accepts or has returned (with ``discard=`` if there is a burn-in), or the
-            result of :func:`anneal`.
+            accepts or has returned, or the result of :func:`anneal`.
         prior: Positive prior probabilities of the classes by label; they are
             normalised. By default all are equal.
 
