@@ -15,6 +15,7 @@ from ..contracts import (
     Model,
     Parameters,
     Prior,
+    Response,
     SolveError,
     Variable,
     read_declared,
@@ -223,6 +224,7 @@ class LogPosterior(Report):
         self.units = checks.units_by_name("units", units, prior.names)
         self.prior, self.names, self.ndim = prior, prior.names, len(prior.names)
         self._recalled: dict[bytes, Floats] = {}
+        self._answered: dict[str, tuple[bytes, Response]] = {}
         self.experiments = tuple(Experiment(name, *pairs[name]) for name in pairs)
         self.terms = tuple(term for e in self.experiments for term in e.terms)
         labels = [[e.full_name(n) for n in e.term_names] for e in self.experiments]
@@ -477,6 +479,17 @@ class LogPosterior(Report):
         if key not in self._recalled:
             self._recalled[key] = self(theta)
         return self._recalled[key]
+
+    def answer(self, theta: Floats, experiment: Experiment) -> Response:
+        """Return a model's response to ``theta (n, d)``, solved only the first time.
+
+        The last one is kept, for what asks again about the same samples.
+        """
+        key, known = theta.tobytes(), self._answered.get(experiment.name)
+        if known is None or known[0] != key:
+            solved = experiment.solve(self.parameters(theta), self.names)
+            known = self._answered[experiment.name] = key, solved.response
+        return known[1]
 
     def start(
         self, nwalkers: int, seed: int | np.random.SeedSequence | np.random.Generator

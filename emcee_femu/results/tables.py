@@ -17,10 +17,9 @@ from .arviz_objects import (
     samples,
     unit_of,
 )
-from .measured import Measured, measured_frequencies, measured_variables
+from .measured import INTERVAL, Measured, measured_frequencies, measured_variables
 from .to_arviz import read_samples
 
-INTERVAL = (0.025, 0.975)
 OF_PRIOR = "prior mean", "error %", "sd/prior sd"  # columns
 # Of a Gaussian 8 % of the samples lie within a tenth of an sd of the mean.
 NEAR_MEAN, FEW_NEAR = 0.1, 0.01

@@ -8,7 +8,7 @@ import numpy as np
 from ...contracts import Floats, Reported
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import InferenceData, groups, unit_of, wrap
-from ...results.to_arviz import convert, pick_some
+from ...results.to_arviz import convert, judge_samples, pick_some, store_fit
 from ...sampling.importance import GOOD_K
 from ...sampling.record import Chains
 from ...sampling.verdict import Statement
@@ -222,7 +222,8 @@ class Certificate(Report):
                 solves=self.solves,
                 doubts=json.loads(attributes.get("doubts", "[]")),
             )
-            sealed = groups(convert(chains))
+            judged = judge_samples(chains, self.weights[possible])
+            sealed = groups(store_fit(convert(chains), judged))
             weight = ("chain", "draw"), self.weights[possible][None]
             sealed["sample_stats"] = sealed["sample_stats"].assign(weight=weight)
             if "new_measurement" in sealed:

@@ -1,0 +1,397 @@
+r"""What the samples say of the data: chi^2 by term, experiment, mode, sensor, channel.
+
+A Gaussian term has residuals z over their standard deviations. For a right model that
+is linear near the posterior, the mean residual over the samples has the covariance
+C = P - H: P that of the errors (a projection where a scale is fitted), and H the
+covariance of z over the samples. The mean of :math:`\chi^2 = \sum z^2` over the samples
+is then tr H, by which the parameters follow the data, plus a sum of squares of mean tr
+C, about :math:`a \chi^2_b` with the moments tr C = a b and tr C^2 = a^2 b.
+
+An inferred error absorbs a misfit. Its share of the term's sum of squares still tells
+whether a group is off: it has the law Beta(b / 2, rest / 2), whatever the error is.
+"""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
+from itertools import product
+from math import comb
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from ..contracts import Batch, Floats, Variable
+from ..likelihoods.residuals import (
+    EXPERIMENT,
+    FITS,
+    MISFIT,
+    MODE,
+    NOT_JUDGED,
+    RESEMBLES_NONE,
+    SENSOR,
+    SKIPPED,
+    TERM,
+    FitRecord,
+    Residuals,
+)
+from ..likelihoods.term import Term
+from ..posterior.experiments import Experiment
+from ..posterior.log_posterior import LogPosterior
+from ..sampling.importance import resample
+from .measured import INTERVAL
+
+# Samples that are solved again where a term reads what is not stored, as shapes.
+SOLVED_AGAIN = 8
+ENOUGH_STORED = 200  # samples where nothing is solved
+FALSE_ALARM = 0.01  # of a right test, over all groups that are looked at
+# chi^2 by its expectation below which a misfit does not matter: errors 10 % too small,
+# which thousands of data would show.
+MATTERS = 1.2
+LEAST_FREEDOM = 0.5  # degrees of freedom; with fewer the parameters follow the data
+LEAST_SCALE = 0.1  # of a chi^2; below it rounding and curvature decide
+NEARLY_ALL = 0.9  # of the samples
+LOW_MAC = 0.5  # below it two shapes have little in common
+STANDS_OUT = 4.0  # times the next largest 1 - MAC, for a mode that resembles none
+SKIP_BETTER = 9.0  # times smaller squared errors: a third of the errors
+FEWEST_FOR_PAIRS = 4  # groups of which two may be off together
+
+WORDS = {"dof": SENSOR}  # for dimensions
+AND = " and "
+
+
+class _Sums(NamedTuple):
+    """Sums over some of a term's data.
+
+    Attributes:
+        chi2: Mean over the samples.
+        size: Its expectation.
+        follows: tr H, that of the samples' scatter.
+        squares: Sum of squared mean residuals, without the error of these means.
+        scale: a.
+        freedom: b.
+    """
+
+    chi2: float
+    size: float
+    follows: float
+    squares: float
+    scale: float
+    freedom: float
+
+
+def judge_data(
+    posterior: LogPosterior, theta: Floats, rows: Floats, weights: Floats | None = None
+) -> tuple[FitRecord, ...]:
+    """Return what samples say of each term, its groups of data, and each experiment.
+
+    Terms that read stored variables take no solve. For others some samples are solved
+    again, the first time only.
+
+    Args:
+        posterior: What was sampled.
+        theta: Samples ``(n, d)``.
+        rows: Their rows, ``(n, columns)``.
+        weights: Of the samples, if these are not equal, ``(n,)``.
+    """
+    rng = np.random.default_rng(0)
+    order = np.arange(len(theta))
+    if weights is not None:
+        order = resample(weights, ENOUGH_STORED, 0.5)
+    many = rng.permutation(order)[:ENOUGH_STORED]
+    few = np.unique(many[:SOLVED_AGAIN])
+    stored = posterior.unfold(rows[order])
+    found: list[FitRecord] = []
+    for experiment in posterior.experiments:
+        own = {v: stored[experiment.full_name(v)] for v in experiment.variables}
+        some = posterior.unfold(rows[many])
+        held = {v: some[experiment.full_name(v)] for v in experiment.variables}
+        sums = list[_Sums]()
+        for term, name in zip(experiment.terms, experiment.term_names, strict=True):
+            variable = ", ".join(map(experiment.full_name, term.observed))
+            of = {"variable": variable, "paired": experiment.paired is not None}
+            record = FitRecord(FITS, experiment.name, name, TERM, **of)
+            try:
+                residuals = _find_residuals(
+                    posterior, experiment, term, (theta[many], held), theta[few]
+                )
+            except Exception as error:  # of any kind: it is the user's model or term
+                residuals = f"it raised {error!r}"
+            if isinstance(residuals, Residuals):
+                judged, whole = _judge_term(record, experiment, term, residuals, own)
+                found += judged
+                sums.append(whole)
+            elif residuals:
+                found.append(replace(record, status=NOT_JUDGED, reason=residuals))
+        if len(posterior.experiments) > 1 and sums:
+            found.append(_judge_experiment(experiment.name, sums))
+    looks = sum(np.isfinite(record.p) for record in found)
+    found = [_settle(record, looks) for record in found]
+    for experiment in posterior.experiments:
+        own = {v: stored[experiment.full_name(v)] for v in experiment.variables}
+        initial = posterior.unfold(posterior.initial)
+        before = {v: initial[experiment.full_name(v)] for v in experiment.variables}
+        found = _judge_modes(experiment, own, found)
+        found += _find_skipped(experiment, own, before, found)
+    return tuple(found)
+
+
+def _find_residuals(
+    posterior: LogPosterior,
+    experiment: Experiment,
+    term: Term,
+    stored: tuple[Floats, Batch],
+    few: Floats,
+) -> Residuals | str:
+    """Return a term's residuals, or why there are none; empty if it draws replicates.
+
+    Args:
+        posterior: What was sampled.
+        experiment: That of the term.
+        term: The term.
+        stored: Samples ``(n, d)``, and the stored variables there.
+        few: The samples that may be solved.
+    """
+    theta, held = stored
+    if not term.gaussian:
+        drawn = term.replicate(
+            np.random.default_rng(0), posterior.parameters(theta), held
+        )
+        return "" if drawn else "it has no deviations"
+    if term.reads is None or not {*term.reads} <= {*held}:
+        theta, held = few, posterior.answer(few, experiment)
+    residuals = term.residuals(posterior.parameters(theta), held)
+    if residuals is None or len(theta) < 2:
+        return "it has no deviations" if residuals is None else "there is one sample"
+    if not np.isfinite(residuals.independent).all():
+        return "its deviations are not finite"
+    return residuals
+
+
+def _add_up(z: Floats, freedom: Floats) -> _Sums:
+    """Return the sums of residuals ``(n, k)``, with the degrees of freedom of each."""
+    n, mean = len(z), z.mean(axis=0)
+    centred, size = z - mean, float(freedom.sum())
+    gram = centred @ centred.T / (n - 1)
+    follows = float(np.trace(gram))
+    # Few samples make tr H^2 too large.
+    of_square = ((gram**2).sum() - follows**2 / (n - 1)) / (1 + 1 / (n - 1))
+    left = size - follows
+    square = size - 2 * follows + max(float(of_square), 0.0)
+    scale = float(np.clip(square / left, LEAST_SCALE, 1.0)) if left > 0 else 1.0
+    return _Sums(
+        chi2=float((z**2).sum(axis=1).mean()),
+        size=size,
+        follows=follows,
+        squares=max(float((mean**2).sum()) - follows / n, 0.0),
+        scale=scale,
+        freedom=max(left / scale, LEAST_FREEDOM),
+    )
+
+
+def _test(
+    record: FitRecord, sums: _Sums, whole: _Sums | None, share: bool
+) -> FitRecord:
+    """Return a record with chi^2 and its chance, or that of its share of the whole."""
+    law = stats.chi2(sums.freedom)
+    low, high = sums.follows + sums.scale * law.ppf(INTERVAL)
+    p, p_share = float(law.sf(sums.squares / sums.scale)), np.nan
+    rest = 0.0 if whole is None else whole.freedom - sums.freedom
+    if whole is not None and rest >= LEAST_FREEDOM and whole.squares > 0:
+        part = stats.beta(sums.freedom / 2, rest / 2)
+        p_share = float(part.sf(min(sums.squares / whole.squares, 1.0)))
+        if share:
+            low, high = sums.follows + whole.squares * part.ppf(INTERVAL)
+    numbers = {"low": float(low), "high": float(high), "p_share": p_share}
+    p = p_share if share else p
+    return replace(record, chi2=sums.chi2, size=sums.size, p=p, **numbers)
+
+
+def _judge_term(
+    record: FitRecord,
+    experiment: Experiment,
+    term: Term,
+    residuals: Residuals,
+    stored: Batch,
+) -> tuple[list[FitRecord], _Sums]:
+    """Return the records of a term and of its groups, and the term's sums."""
+    z, freedom, mac = residuals.by_datum, residuals.freedom, residuals.mac
+    by_datum = z is residuals.independent
+    whole = _add_up(z, freedom)
+    total = whole
+    if not by_datum:
+        ones = np.ones(residuals.independent.shape[1])
+        total = _add_up(residuals.independent, ones)
+    found = [_test(record, total, None, False)]
+    if mac is not None and "mac" in stored:
+        mac = stored["mac"]
+    for dim, labels in (residuals.places or _place(experiment, term, z)).items():
+        kind = WORDS.get(dim, dim.replace("_", " "))
+        groups = {str(k): labels == k for k in dict.fromkeys(labels.tolist())}
+        if len(groups) < 2:
+            continue
+        sums = {k: _add_up(z[:, mask], freedom[mask]) for k, mask in groups.items()}
+        judged = []
+        for k, part in sums.items():
+            group = replace(record, kind=kind, label=k)
+            group = _test(group, part, whole, residuals.inferred)
+            if kind == MODE and mac is not None:
+                mean = float(mac[:, int(k) - 1].mean())
+                expected = 1 - (1 - mean) * part.size / max(part.chi2, part.size)
+                group = replace(group, mac=mean, mac_expected=expected)
+            judged.append(group)
+        found += judged
+        if len(groups) >= FEWEST_FOR_PAIRS:
+            found += _judge_pair(judged, groups, (z, freedom), whole, residuals)
+    return found, total
+
+
+def _judge_pair(
+    judged: Sequence[FitRecord],
+    groups: Mapping[str, NDArray[np.bool_]],
+    data: tuple[Floats, Floats],
+    whole: _Sums,
+    residuals: Residuals,
+) -> Iterator[FitRecord]:
+    """Yield the two farthest groups together, if these are farther than any one."""
+    first, second = sorted(judged, key=by_share)[:2]
+    z, freedom = data
+    mask = groups[first.label] | groups[second.label]
+    label = AND.join(k for k in groups if k in (first.label, second.label))
+    both = replace(first, label=label, mac=np.nan, mac_expected=np.nan)
+    both = _test(both, _add_up(z[:, mask], freedom[mask]), whole, residuals.inferred)
+    pairs = comb(len(groups), 2)
+    both = replace(both, p=min(1.0, pairs * both.p), p_share=pairs * both.p_share)
+    if both.p_share < first.p_share * len(groups):
+        yield both
+
+
+def _judge_experiment(name: str, sums: Sequence[_Sums]) -> FitRecord:
+    """Return the record of all terms of an experiment together."""
+    chi2, size, follows, squares, *_ = map(sum, zip(*sums, strict=True))
+    freedom = max(size - follows, LEAST_FREEDOM)
+    whole = _Sums(chi2, size, follows, squares, 1.0, freedom)
+    return _test(FitRecord(FITS, name, "", EXPERIMENT), whole, None, False)
+
+
+def by_share(record: FitRecord) -> tuple[float, float]:
+    """Return what sorts groups of a term, the farthest out first."""
+    p = record.p_share if np.isfinite(record.p_share) else 1.0
+    return p, -record.chi2 / max(record.size, LEAST_FREEDOM)
+
+
+def _settle(record: FitRecord, looks: int) -> FitRecord:
+    """Return a record whose chance counts all that was looked at."""
+    if not np.isfinite(record.p):
+        return record
+    p = min(1.0, looks * record.p)
+    off = p < FALSE_ALARM and record.chi2 > MATTERS * record.size
+    return replace(record, p=p, status=MISFIT if off else FITS)
+
+
+def _place(
+    experiment: Experiment, term: Term, z: Floats
+) -> dict[str, NDArray[np.object_]]:
+    """Return labels of a term's data by dimension; empty if there are not as many."""
+    names = [*(term.observed or term.reads or ())]
+    if len(names) != 1:
+        return {}
+    (name,) = names
+    returned = experiment.variables.get(name, Variable({}))
+    variable = (term.reads or {}).get(name) or returned
+    shape = variable.shape
+    if name in term.observed:
+        shape = np.shape(term.observed[name])
+    while len(shape) > 1 and int(np.prod(shape)) > z.shape[1]:
+        shape = shape[:-1]  # of amplitudes: no real and imaginary parts
+    if int(np.prod(shape)) != z.shape[1] or len(shape) > len(variable.dims):
+        return {}
+    axes = {}
+    for size, (dim, labels) in zip(shape, variable.coords.items(), strict=False):
+        of_model = returned.coords.get(dim, ())
+        known = of_model if None in labels and len(of_model) >= size else labels
+        axes[dim] = [*known][:size] if None not in known else [*range(1, size + 1)]
+    every = np.array([*product(*axes.values())], dtype=object)
+    return {dim: every[:, i] for i, dim in enumerate(axes)}
+
+
+def _judge_modes(
+    experiment: Experiment, stored: Batch, found: Sequence[FitRecord]
+) -> list[FitRecord]:
+    """Return the records with measured modes marked that resemble none of the model's.
+
+    Where no shapes are compared those of a :class:`.PairedModel` are, by its limit.
+    """
+    own = [r for r in found if r.experiment == experiment.name]
+    others = [r for r in found if r.experiment != experiment.name]
+    shaped = [r for r in own if r.kind == MODE and np.isfinite(r.mac)]
+    if not shaped:
+        return [*others, *own, *_judge_unpaired(experiment, stored)]
+    lost = 1 - np.array([r.mac for r in shaped])
+    unlike = [i for i, r in enumerate(shaped) if r.mac < LOW_MAC]
+    worst = int(lost.argmax())
+    if len(shaped) == 1 or lost[worst] > STANDS_OUT * np.sort(lost)[-2]:
+        unlike.append(worst)
+    by_sensor = [by_share(r)[0] for r in own if r.kind == SENSOR]
+    marked = {
+        id(shaped[i])
+        for i in {*unlike}
+        if shaped[i].status == MISFIT
+        and 2 * len({*unlike}) <= max(len(shaped), 2)
+        and by_share(shaped[i])[0] <= min(by_sensor, default=1.0)
+    }
+    own = [replace(r, status=RESEMBLES_NONE) if id(r) in marked else r for r in own]
+    return [*others, *own]
+
+
+def _judge_unpaired(experiment: Experiment, stored: Batch) -> Iterator[FitRecord]:
+    """Yield measured modes of a :class:`.PairedModel` that are not paired."""
+    paired = experiment.paired
+    if paired is None:
+        return
+    shares = (stored["mac"] < paired.min_mac).mean(axis=0)
+    unlike = np.flatnonzero(shares > NEARLY_ALL)
+    few = 2 * len(unlike) <= max(len(shares), 2)
+    record = FitRecord(RESEMBLES_NONE if few else MISFIT, experiment.name, "", MODE)
+    for i in unlike:
+        mac = float(stored["mac"][:, i].mean())
+        yield replace(record, label=str(i + 1), mac=mac, mac_expected=paired.min_mac)
+
+
+def _find_skipped(
+    experiment: Experiment, stored: Batch, before: Batch, found: Sequence[FitRecord]
+) -> Iterator[FitRecord]:
+    """Yield a mode of the model that was not measured, where their order matters.
+
+    Without it the others agree far better, at the samples or at the prior mean.
+    """
+    observed = [term.observed for term in experiment.terms]
+    measured = [by_name["frequency"] for by_name in observed if "frequency" in by_name]
+    if experiment.paired is not None or "frequency" not in stored or not measured:
+        return
+    off = any(r.status == MISFIT for r in found if r.experiment == experiment.name)
+    inferred = any(t.discrepancy for t in experiment.terms)
+    m = len(measured[0])
+    for predicted in (stored["frequency"].mean(axis=0), before["frequency"]):
+        if len(predicted) <= m or not (predicted > 0).all() or not (off or inferred):
+            continue
+        apart = np.log(predicted[:, None] / measured[0]) ** 2
+        squares = [
+            apart[np.delete(np.arange(m + 1), j), np.arange(m)].sum()
+            for j in range(m + 1)
+        ]  # the last one leaves none out
+        j = int(np.argmin(squares))
+        if SKIP_BETTER * squares[j] < squares[m]:
+            yield FitRecord(SKIPPED, experiment.name, "", MODE, str(j + 1))
+            return
+
+
+def write_records(records: Sequence[FitRecord]) -> str:
+    """Return records as text that an ArviZ object can store."""
+    return json.dumps([asdict(record) for record in records])
+
+
+def read_records(text: str) -> tuple[FitRecord, ...]:
+    """Return the records that were written."""
+    return tuple(FitRecord(**fields) for fields in json.loads(text))
