@@ -96,7 +96,8 @@ class ShapeTerm(Term):
         sd: ArrayLike | None = None,
         name: str = "shape",
     ) -> None:
-        self._dofs, self._sensors = None, ()
+        self._dofs = None
+        self._sensors: tuple[str, ...] = ()
         if isinstance(measured, Measurements):
             if measured.shapes is None:
                 raise ValueError("measured: these measurements have no shapes")
@@ -177,7 +178,7 @@ class ShapeTerm(Term):
         off = measured - unit * (unit * measured).sum(axis=1, keepdims=True)
         sd = np.ones(self.n_modes) if self.delta is None else self.delta
         if self.discrepancy is not None:
-            sd = self.spread(parameters)[:, :, None]
+            sd = np.asarray(self.spread(parameters))[:, :, None]
         z = (off * size / sd)[:, self._there]
         freedom = (1 - unit**2).mean(axis=0)[self._there]
         known = self._dofs if self._dofs is not None else self._sensors

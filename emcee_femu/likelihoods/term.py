@@ -117,15 +117,13 @@ class Term:
             return None
         r, sd = map(np.asarray, pair)
         by_datum = independent = r / sd
-        exact = None if self.separate else self.restore(np.zeros_like(r[:1]))
-        restored = None if exact is None else self.restore(r)
-        if exact is not None and restored is not None:
-            axes = np.eye(r.shape[1])
-            # One row for each deviation: how it moves the data, which is linear.
-            moves = np.concatenate([self.restore(axis[None]) - exact for axis in axes])
-            moves = moves.reshape(len(axes), -1)
-            spread = np.sqrt(sd**2 @ moves**2)
-            by_datum = (restored - exact).reshape(len(r), -1) / spread
+        axes = np.eye(r.shape[1])
+        # One row for each deviation: how it moves the data, which is linear.
+        ends = None if self.separate else self.restore(np.vstack([0 * axes[:1], axes]))
+        restored = None if ends is None else self.restore(r)
+        if ends is not None and restored is not None:
+            ends, restored = ends.reshape(len(ends), -1), restored.reshape(len(r), -1)
+            by_datum = (restored - ends[0]) / np.sqrt(sd**2 @ (ends[1:] - ends[0]) ** 2)
         inferred = bool((np.ptp(sd, axis=0) > ROUNDING * sd[0]).any())
         freedom = np.ones(by_datum.shape[1])
         return Residuals(independent, by_datum, freedom, inferred, {})

@@ -44,17 +44,20 @@ from .measured import INTERVAL
 
 # Samples that are solved again where a term reads what is not stored, as shapes.
 SOLVED_AGAIN = 8
-ENOUGH_STORED = 200  # samples where nothing is solved
+ENOUGH_STORED = 10_000  # samples where nothing is solved
+ENOUGH_KNOWN = 100  # samples whose scatter is known well enough
 FALSE_ALARM = 0.01  # of a right test, over all groups that are looked at
 # chi^2 by its expectation below which a misfit does not matter: errors 10 % too small,
 # which thousands of data would show.
 MATTERS = 1.2
 LEAST_FREEDOM = 0.5  # degrees of freedom; with fewer the parameters follow the data
-LEAST_SCALE = 0.1  # of a chi^2; below it rounding and curvature decide
+LEAST_SCALE = 0.25  # of a chi^2; below it curvature and the samples' errors decide
 NEARLY_ALL = 0.9  # of the samples
 LOW_MAC = 0.5  # below it two shapes have little in common
 STANDS_OUT = 4.0  # times the next largest 1 - MAC, for a mode that resembles none
 SKIP_BETTER = 9.0  # times smaller squared errors: a third of the errors
+# Chance of a share of a term's chi^2; larger ones say nothing of where data are off.
+NOTABLE = 0.05
 FEWEST_FOR_PAIRS = 4  # groups of which two may be off together
 
 WORDS = {"dof": SENSOR}  # for dimensions
@@ -68,7 +71,7 @@ class _Sums(NamedTuple):
         chi2: Mean over the samples.
         size: Its expectation.
         follows: tr H, that of the samples' scatter.
-        squares: Sum of squared mean residuals, without the error of these means.
+        squares: Sum of squared mean residuals.
         scale: a.
         freedom: b.
     """
@@ -109,9 +112,14 @@ def judge_data(
         held = {v: some[experiment.full_name(v)] for v in experiment.variables}
         sums = list[_Sums]()
         for term, name in zip(experiment.terms, experiment.term_names, strict=True):
-            variable = ", ".join(map(experiment.full_name, term.observed))
-            of = {"variable": variable, "paired": experiment.paired is not None}
-            record = FitRecord(FITS, experiment.name, name, TERM, **of)
+            record = FitRecord(
+                FITS,
+                experiment.name,
+                name,
+                TERM,
+                variable=", ".join(map(experiment.full_name, term.observed)),
+                paired=experiment.paired is not None,
+            )
             try:
                 residuals = _find_residuals(
                     posterior, experiment, term, (theta[many], held), theta[few]
@@ -170,24 +178,22 @@ def _find_residuals(
 
 
 def _add_up(z: Floats, freedom: Floats) -> _Sums:
-    """Return the sums of residuals ``(n, k)``, with the degrees of freedom of each."""
+    """Return the sums of residuals ``(n, k)``, with the degrees of freedom of each.
+
+    Few samples do not know H. It is then taken for zero, which lets more pass.
+    """
     n, mean = len(z), z.mean(axis=0)
-    centred, size = z - mean, float(freedom.sum())
-    gram = centred @ centred.T / (n - 1)
-    follows = float(np.trace(gram))
-    # Few samples make tr H^2 too large.
-    of_square = ((gram**2).sum() - follows**2 / (n - 1)) / (1 + 1 / (n - 1))
-    left = size - follows
-    square = size - 2 * follows + max(float(of_square), 0.0)
+    chi2, size = float((z**2).sum(axis=1).mean()), float(freedom.sum())
+    if n < ENOUGH_KNOWN:
+        return _Sums(chi2, size, 0.0, chi2, 1.0, max(size, LEAST_FREEDOM))
+    centred = z - mean
+    wide = centred.shape[1] > n
+    gram = (centred @ centred.T if wide else centred.T @ centred) / (n - 1)
+    follows, of_square = float(np.trace(gram)), float((gram**2).sum())
+    left, square = size - follows, size - 2 * follows + of_square
     scale = float(np.clip(square / left, LEAST_SCALE, 1.0)) if left > 0 else 1.0
-    return _Sums(
-        chi2=float((z**2).sum(axis=1).mean()),
-        size=size,
-        follows=follows,
-        squares=max(float((mean**2).sum()) - follows / n, 0.0),
-        scale=scale,
-        freedom=max(left / scale, LEAST_FREEDOM),
-    )
+    squares = max(chi2 - follows, 0.0)
+    return _Sums(chi2, size, follows, squares, scale, max(left / scale, LEAST_FREEDOM))
 
 
 def _test(
@@ -203,9 +209,15 @@ def _test(
         p_share = float(part.sf(min(sums.squares / whole.squares, 1.0)))
         if share:
             low, high = sums.follows + whole.squares * part.ppf(INTERVAL)
-    numbers = {"low": float(low), "high": float(high), "p_share": p_share}
-    p = p_share if share else p
-    return replace(record, chi2=sums.chi2, size=sums.size, p=p, **numbers)
+    return replace(
+        record,
+        chi2=sums.chi2,
+        size=sums.size,
+        low=float(low),
+        high=float(high),
+        p=p_share if share else p,
+        p_share=p_share,
+    )
 
 
 def _judge_term(
@@ -385,6 +397,16 @@ def _find_skipped(
         if SKIP_BETTER * squares[j] < squares[m]:
             yield FitRecord(SKIPPED, experiment.name, "", MODE, str(j + 1))
             return
+
+
+def find_farthest(records: Sequence[FitRecord]) -> list[FitRecord]:
+    """Return the groups of a term that have more of its chi^2 than by chance.
+
+    The farthest of each kind, such as a mode and a sensor, the clearest first.
+    """
+    kinds = dict.fromkeys(r.kind for r in records if r.kind not in (TERM, EXPERIMENT))
+    best = [min((r for r in records if r.kind == kind), key=by_share) for kind in kinds]
+    return sorted((r for r in best if by_share(r)[0] < NOTABLE), key=by_share)
 
 
 def write_records(records: Sequence[FitRecord]) -> str:

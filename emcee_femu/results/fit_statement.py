@@ -8,7 +8,6 @@ import numpy as np
 from scipy import stats
 
 from ..likelihoods.residuals import (
-    EXPERIMENT,
     MISFIT,
     MODE,
     NOT_JUDGED,
@@ -23,7 +22,7 @@ from ..sampling.first_solve import doubt_units, is_constant, same_response
 from ..sampling.record import Chains
 from ..sampling.verdict import Statement
 from .arviz_objects import InferenceData
-from .fit import by_share
+from .fit import AND, find_farthest
 from .identifiability import Identifiability, describe_samples
 from .measured import Measured, read_measured
 
@@ -34,20 +33,20 @@ OUTVOTED = 5  # times as many values in another term
 SMALL_MAXIMUM = 0.01  # weight of one whose modes do not matter
 WRONG = 2.0  # times what was measured, or its inverse: more than a model's error
 MOST_NAMED = 3  # terms that are described at length
-# Chance of a share of a term's chi^2; larger ones say nothing of where data are off.
-NOTABLE = 0.05
 NOT_DRAWN = "no term draws new measurements of what the model stores"
 NO_DATA = "no term says what was measured; a bare log-likelihood cannot"
 NOT_KNOWN = "to_inference_data(source, posterior) has the data of a LogPosterior"
 DOES_NOT_FIT, NOT_CHECKED = "does not fit", "not checked"
-LEAVE_OUT = "leave it out, and ask whether it is a harmonic of a machine or noise"
+OFF = MISFIT, RESEMBLES_NONE
+LEAVE_OUT = "Leave it out, and ask whether it is a harmonic of a machine, or noise."
 CHECK_SENSORS = (
-    "turned round, exchanged with another, of another gain or unit, or at another place"
+    "turned round, exchanged with another, of another gain or unit, or at another "
+    "place? check_test(posterior) tries each."
 )
 PAIR = "Pair the modes by shape: PairedModel(model, ...)."
 OLD = (
-    "Not judged: data of which no new measurement is drawn; the object is of an earlier "
-    "version, so convert its run again."
+    "Not judged: data of which no new measurement is drawn. The object is of an "
+    "earlier version; convert its run again."
 )
 
 
@@ -94,7 +93,7 @@ def judge_fit(
         return Statement(NOT_CHECKED, NOT_CHECKED, sentence)
     about, new = describe_samples(idata, fitted=False), _compare_replicates(drawn)
     missed = [*about.surprising, *new.far]
-    off = [r for r in judged if r.status in (MISFIT, RESEMBLES_NONE)]
+    off = [r for r in judged if r.status in OFF]
     sentence = "; ".join([*_count(new), *_name_misfits(judged, new.far)]) + "."
     pressed, swapped = about.find_pressed(), [*_find_swaps(chains)]
     if missed or off:
@@ -125,6 +124,7 @@ def _compare_replicates(drawn: Sequence[Measured]) -> _Replicates:
     chance = stats.binom.sf(total - inside - 1, total, OUTSIDE_BY_CHANCE)
     far, units, wrong = {}, [], False
     for part in drawn:
+        assert part.replicated is not None
         mean, sd = part.replicated.mean(axis=0), part.replicated.std(axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
             z = np.abs(part.values - mean) / sd
@@ -147,8 +147,8 @@ def _count(new: _Replicates) -> Iterator[str]:
     """Say how many values are inside, and which are farthest out."""
     if new.total:
         yield (
-            f"{new.inside} of {new.total} measured values ({new.names}) are inside 95 % "
-            "of new measurements"
+            f"{new.inside} of {new.total} measured values ({new.names}) are inside "
+            "95 % of new measurements"
         )
     yield from new.far.values()
 
@@ -170,63 +170,55 @@ def _name_misfits(
 ) -> Iterator[str]:
     """Describe the terms, judged by chi^2, in words of the test; not those named."""
     alike = [r for r in records if r.status == RESEMBLES_NONE]
-    yield from (
-        f"measured {_name_mode(r)} resembles no mode of the model" for r in alike
-    )
+    for record in alike:
+        yield f"measured {_name_mode(record)} resembles no mode of the model"
     found = list[tuple[float, str]]()
-    for name, group in groupby(records, key=_full_name):
-        of_term = [*group]
-        if not any(r.status in (MISFIT, RESEMBLES_NONE) for r in of_term):
+    for of_term in _by_term(records):
+        off, whole = [r for r in of_term if r.status in OFF], of_term[0]
+        if not off or whole.kind != TERM or whole.variable in named:
             continue
-        whole = next((r for r in of_term if r.kind == TERM), None)
-        if whole is None or whole.variable in named:
-            continue
-        text = (
-            f"{name} has a chi^2 of {whole.chi2:.3g} on {whole.size:.3g} (a right model "
-            f"gives {whole.low:.2g} to {whole.high:.2g})"
-        )
-        if whole.status != MISFIT:  # an inferred error absorbs it
-            text = f"{name} is uneven whatever its error is"
-        where = _name_farthest(of_term)
-        text += f", farthest out {where}" if where else ""
+        name = _full_name(whole)
+        text = f"the chi^2 of {name} is uneven, whatever its error is"
+        if whole.status == MISFIT:  # else an inferred error absorbs it
+            text = (
+                f"{name} has a chi^2 of {whole.chi2:.3g} on {whole.size:.3g} (a right "
+                f"model gives {whole.low:.2g} to {whole.high:.2g})"
+            )
+        if where := _name_farthest(of_term):
+            text += f", farthest out is {where}"
         found.append((-whole.chi2 / whole.size, text))
     yield from (text for _, text in sorted(found)[:MOST_NAMED])
-    unpaired = [
-        r for r in records if r.status == MISFIT and not r.term and r.kind == MODE
-    ]
+    unlike = [r for r in records if r.status == MISFIT and not r.term]
+    unpaired = [r for r in unlike if r.kind == MODE]
     if unpaired:
-        words = ", ".join(_name_mode(r) for r in unpaired)
-        yield f"the measured shapes resemble none of the model: {words}"
-    if not found and not alike and not named and not unpaired:
-        whole = [r for r in records if r.kind == EXPERIMENT and r.status == MISFIT]
-        yield from (
-            f"{r.experiment} has a chi^2 of {r.chi2:.3g} on {r.size:.3g}" for r in whole
-        )
+        words = ", ".join(map(_name_mode, unpaired))
+        yield f"measured modes that resemble none of the model: {words}"
+    if not (found or alike or named or unpaired):
+        for r in unlike:  # experiments, each for all its terms
+            yield f"{r.experiment} has a chi^2 of {r.chi2:.3g} on {r.size:.3g}"
+
+
+def _by_term(records: Sequence[FitRecord]) -> Iterator[list[FitRecord]]:
+    """Yield the records of each term, that of all its data first."""
+    for _, group in groupby(records, key=lambda r: (r.experiment, r.term)):
+        yield [*group]
 
 
 def _name_farthest(records: Sequence[FitRecord]) -> str:
     """Name the groups of a term in which most of its chi^2 is."""
-    groups = [r for r in records if r.kind != TERM]
-    best = [min(part, key=by_share) for part in _by_kind(groups).values()]
-    best = sorted((r for r in best if by_share(r)[0] < NOTABLE), key=by_share)
-    modes = [r for r in groups if r.kind == MODE and np.isfinite(r.mac)]
-    if modes:  # of shapes: the mode is named in any case, by its MAC
-        worst = next(
-            (r for r in best if r.kind == MODE), min(modes, key=lambda r: r.mac)
-        )
-        at = [r for r in best if r.kind == SENSOR]
-        most = (
-            f", most at sensor{'s' * (' and ' in at[0].label)} {at[0].label}"
-            if at
-            else ""
-        )
-        return f"is the shape of {_name_mode(worst)}{most}"
-    return "is " + " and ".join(f"{r.kind} {r.label}" for r in best) if best else ""
+    best = find_farthest(records)
+    modes = [r for r in records if r.kind == MODE and np.isfinite(r.mac)]
+    if not modes:
+        return " and ".join(f"{r.kind} {r.label}" for r in best)
+    # Of shapes the mode is named in any case, by its MAC.
+    lowest = min(modes, key=lambda r: r.mac)
+    words = f"the shape of {_name_mode(next((r for r in best if r in modes), lowest))}"
+    at = [r.label for r in best if r.kind == SENSOR]
+    return f"{words}, most at {_name_sensors(at[0])}" if at else words
 
 
-def _by_kind(records: Sequence[FitRecord]) -> dict[str, list[FitRecord]]:
-    kinds = dict.fromkeys(record.kind for record in records)
-    return {kind: [r for r in records if r.kind == kind] for kind in kinds}
+def _name_sensors(label: str) -> str:
+    return f"sensors {label}" if AND in label else f"sensor {label}"
 
 
 def _name_mode(record: FitRecord) -> str:
@@ -243,31 +235,24 @@ def _name_causes(records: Sequence[FitRecord]) -> Iterator[str]:
     """Name what is likeliest wrong with the test: modes, sensors, pairing."""
     alike = [r for r in records if r.status == RESEMBLES_NONE]
     for r in alike:
-        yield f"Is measured mode {r.label} spurious? {LEAVE_OUT[0].upper()}{LEAVE_OUT[1:]}."
-    for (experiment, _), group in groupby(
-        records, key=lambda r: (r.experiment, r.term)
-    ):
-        of_term = [*group]
+        yield f"Is measured mode {r.label} spurious? {LEAVE_OUT}"
+    for of_term in _by_term(records):
         modes = [r for r in of_term if r.kind == MODE and np.isfinite(r.mac)]
-        off = [r for r in of_term if r.status == MISFIT]
-        if not modes or not off:
+        if not modes or not any(r.status == MISFIT for r in of_term):
             continue
-        sensors = [r for r in of_term if r.kind == SENSOR and by_share(r)[0] < NOTABLE]
-        which = min(sensors, key=by_share).label if sensors else "one of them"
-        where = f" of {experiment}" if experiment else ""
+        at = [r.label for r in find_farthest(of_term) if r.kind == SENSOR]
+        where = f" of {modes[0].experiment}" if modes[0].experiment else ""
         if not alike:
-            yield (
-                f"Sensors first: is {which}{where} {CHECK_SENSORS}? "
-                "check_test(posterior) tries each."
-            )
-        if not any(r.paired for r in modes):
+            which = _name_sensors(at[0]) if at else "one of the sensors"
+            yield f"Look at the sensors first: is {which}{where} {CHECK_SENSORS}"
+        if modes[0].term and not modes[0].paired:
             yield PAIR
     for r in records:
         if r.status == SKIPPED:
             where = f" of {r.experiment}" if r.experiment else ""
             yield (
-                f"Mode {r.label} of the model{where} may not have been measured: without "
-                f"it the other frequencies agree far better in their order. {PAIR}"
+                f"Mode {r.label} of the model{where} may not have been measured: the "
+                f"other frequencies agree far better without it. {PAIR}"
             )
 
 
@@ -276,8 +261,8 @@ def _shorten(off: Sequence[FitRecord]) -> str:
     for record in off:
         if record.status == RESEMBLES_NONE:
             return f"measured mode {record.label} resembles none"
-    first = min(off, key=lambda r: r.p)
-    return f"{_full_name(first) or 'shapes'} {'are' if not first.term else 'is'} off"
+    named = [_full_name(record) for record in off if record.term]
+    return f"{named[0]} is off" if named else "measured shapes are off"
 
 
 def _advise(wrong: bool, about: Identifiability) -> str:

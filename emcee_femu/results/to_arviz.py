@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..contracts import Floats, Places, Variable
+from ..likelihoods.residuals import FitRecord
 from ..posterior.compatibility import RESERVED
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import KnownPrior, prior_centre, summarize_prior
 from ..sampling.record import Chains
 from .arviz_objects import Dataset, InferenceData, groups, is_arviz, samples, wrap
 from .chains import STORED, TOLD, read_chains
-from .fit import FitRecord, judge_data, write_records
+from .fit import judge_data, write_records
 from .measured import ONE_NUMBER, Labelled, gather_by_terms, gather_observed
 
 FIT = "fit"  # attribute of the posterior group
