@@ -1,14 +1,15 @@
 r"""What the samples say of the data: chi^2 by term, experiment, mode, sensor, channel.
 
-A Gaussian term has residuals z over their standard deviations. For a right model that
-is linear near the posterior, the mean residual over the samples has the covariance
-C = P - H: P that of the errors (a projection where a scale is fitted), and H the
-covariance of z over the samples. The mean of :math:`\chi^2 = \sum z^2` over the samples
-is then tr H, by which the parameters follow the data, plus a sum of squares of mean tr
-C, about :math:`a \chi^2_b` with the moments tr C = a b and tr C^2 = a^2 b.
+A Gaussian term has n residuals z over their standard deviations. Of a right model that
+is linear near the posterior, the mean of :math:`\chi^2 = \sum z^2` over the samples is
+:math:`h + s`: h, by which the samples scatter, is at most the number of parameters that
+follow these data, and s is a sum of squares of mean n - h with weights of at most 1.
+Its upper quantiles are below those of :math:`\chi^2_n`, with which it is compared: a
+right test raises fewer alarms than stated.
 
-An inferred error absorbs a misfit. Its share of the term's sum of squares still tells
-whether a group is off: it has the law Beta(b / 2, rest / 2), whatever the error is.
+An inferred error absorbs a misfit. Its share of the term's chi^2 still tells whether a
+group of k data is off: without fitted parameters it has the law Beta(k / 2, (n - k) /
+2) whatever the error is, and parameters that follow the data make large shares rarer.
 """
 
 import json
@@ -44,14 +45,12 @@ from .measured import INTERVAL
 
 # Samples that are solved again where a term reads what is not stored, as shapes.
 SOLVED_AGAIN = 8
-ENOUGH_STORED = 10_000  # samples where nothing is solved
-ENOUGH_KNOWN = 100  # samples whose scatter is known well enough
+ENOUGH_STORED = 1_000  # samples where nothing is solved
 FALSE_ALARM = 0.01  # of a right test, over all groups that are looked at
 # chi^2 by its expectation below which a misfit does not matter: errors 10 % too small,
 # which thousands of data would show.
 MATTERS = 1.2
-LEAST_FREEDOM = 0.5  # degrees of freedom; with fewer the parameters follow the data
-LEAST_SCALE = 0.25  # of a chi^2; below it curvature and the samples' errors decide
+LEAST_SIZE = 0.1  # degrees of freedom, for a sensor that alone makes up a shape
 NEARLY_ALL = 0.9  # of the samples
 LOW_MAC = 0.5  # below it two shapes have little in common
 STANDS_OUT = 4.0  # times the next largest 1 - MAC, for a mode that resembles none
@@ -64,24 +63,11 @@ WORDS = {"dof": SENSOR}  # for dimensions
 AND = " and "
 
 
-class _Sums(NamedTuple):
-    """Sums over some of a term's data.
-
-    Attributes:
-        chi2: Mean over the samples.
-        size: Its expectation.
-        follows: tr H, that of the samples' scatter.
-        squares: Sum of squared mean residuals.
-        scale: a.
-        freedom: b.
-    """
+class _Sum(NamedTuple):
+    """chi^2 of some data, mean over the samples, and its expectation."""
 
     chi2: float
     size: float
-    follows: float
-    squares: float
-    scale: float
-    freedom: float
 
 
 def judge_data(
@@ -110,7 +96,7 @@ def judge_data(
         own = {v: stored[experiment.full_name(v)] for v in experiment.variables}
         some = posterior.unfold(rows[many])
         held = {v: some[experiment.full_name(v)] for v in experiment.variables}
-        sums = list[_Sums]()
+        sums = list[_Sum]()
         for term, name in zip(experiment.terms, experiment.term_names, strict=True):
             record = FitRecord(
                 FITS,
@@ -177,45 +163,27 @@ def _find_residuals(
     return residuals
 
 
-def _add_up(z: Floats, freedom: Floats) -> _Sums:
-    """Return the sums of residuals ``(n, k)``, with the degrees of freedom of each.
-
-    Few samples do not know H. It is then taken for zero, which lets more pass.
-    """
-    n, mean = len(z), z.mean(axis=0)
-    chi2, size = float((z**2).sum(axis=1).mean()), float(freedom.sum())
-    if n < ENOUGH_KNOWN:
-        return _Sums(chi2, size, 0.0, chi2, 1.0, max(size, LEAST_FREEDOM))
-    centred = z - mean
-    wide = centred.shape[1] > n
-    gram = (centred @ centred.T if wide else centred.T @ centred) / (n - 1)
-    follows, of_square = float(np.trace(gram)), float((gram**2).sum())
-    left, square = size - follows, size - 2 * follows + of_square
-    scale = float(np.clip(square / left, LEAST_SCALE, 1.0)) if left > 0 else 1.0
-    squares = max(chi2 - follows, 0.0)
-    return _Sums(chi2, size, follows, squares, scale, max(left / scale, LEAST_FREEDOM))
+def _add_up(z: Floats, freedom: Floats) -> _Sum:
+    """Return the chi^2 of residuals ``(n, k)`` with degrees of freedom ``(k,)``."""
+    return _Sum(float((z**2).sum(axis=1).mean()), float(freedom.sum()))
 
 
-def _test(
-    record: FitRecord, sums: _Sums, whole: _Sums | None, share: bool
-) -> FitRecord:
+def _test(record: FitRecord, part: _Sum, whole: _Sum | None, share: bool) -> FitRecord:
     """Return a record with chi^2 and its chance, or that of its share of the whole."""
-    law = stats.chi2(sums.freedom)
-    low, high = sums.follows + sums.scale * law.ppf(INTERVAL)
-    p, p_share = float(law.sf(sums.squares / sums.scale)), np.nan
-    rest = 0.0 if whole is None else whole.freedom - sums.freedom
-    if whole is not None and rest >= LEAST_FREEDOM and whole.squares > 0:
-        part = stats.beta(sums.freedom / 2, rest / 2)
-        p_share = float(part.sf(min(sums.squares / whole.squares, 1.0)))
+    law = stats.chi2(part.size)
+    (low, high), p, p_share = law.ppf(INTERVAL), float(law.sf(part.chi2)), np.nan
+    if whole is not None and whole.chi2 > 0 and part.size < whole.size:
+        of_whole = stats.beta(part.size / 2, (whole.size - part.size) / 2)
+        p_share = float(of_whole.sf(min(part.chi2 / whole.chi2, 1.0)))
         if share:
-            low, high = sums.follows + whole.squares * part.ppf(INTERVAL)
+            (low, high), p = whole.chi2 * of_whole.ppf(INTERVAL), p_share
     return replace(
         record,
-        chi2=sums.chi2,
-        size=sums.size,
+        chi2=part.chi2,
+        size=part.size,
         low=float(low),
         high=float(high),
-        p=p_share if share else p,
+        p=p,
         p_share=p_share,
     )
 
@@ -226,7 +194,7 @@ def _judge_term(
     term: Term,
     residuals: Residuals,
     stored: Batch,
-) -> tuple[list[FitRecord], _Sums]:
+) -> tuple[list[FitRecord], _Sum]:
     """Return the records of a term and of its groups, and the term's sums."""
     z, freedom, mac = residuals.by_datum, residuals.freedom, residuals.mac
     by_datum = z is residuals.independent
@@ -263,7 +231,7 @@ def _judge_pair(
     judged: Sequence[FitRecord],
     groups: Mapping[str, NDArray[np.bool_]],
     data: tuple[Floats, Floats],
-    whole: _Sums,
+    whole: _Sum,
     residuals: Residuals,
 ) -> Iterator[FitRecord]:
     """Yield the two farthest groups together, if these are farther than any one."""
@@ -279,18 +247,16 @@ def _judge_pair(
         yield both
 
 
-def _judge_experiment(name: str, sums: Sequence[_Sums]) -> FitRecord:
+def _judge_experiment(name: str, sums: Sequence[_Sum]) -> FitRecord:
     """Return the record of all terms of an experiment together."""
-    chi2, size, follows, squares, *_ = map(sum, zip(*sums, strict=True))
-    freedom = max(size - follows, LEAST_FREEDOM)
-    whole = _Sums(chi2, size, follows, squares, 1.0, freedom)
+    whole = _Sum(*map(sum, zip(*sums, strict=True)))
     return _test(FitRecord(FITS, name, "", EXPERIMENT), whole, None, False)
 
 
 def by_share(record: FitRecord) -> tuple[float, float]:
     """Return what sorts groups of a term, the farthest out first."""
     p = record.p_share if np.isfinite(record.p_share) else 1.0
-    return p, -record.chi2 / max(record.size, LEAST_FREEDOM)
+    return p, -record.chi2 / max(record.size, LEAST_SIZE)
 
 
 def _settle(record: FitRecord, looks: int) -> FitRecord:
