@@ -41,6 +41,7 @@ from ..likelihoods.term import Term
 from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
 from ..sampling.importance import resample
+from ..sampling.judge import spread_out
 from .measured import INTERVAL
 
 # Samples that are solved again where a term reads what is not stored, as shapes.
@@ -71,7 +72,12 @@ class _Sum(NamedTuple):
 
 
 def judge_data(
-    posterior: LogPosterior, theta: Floats, rows: Floats, weights: Floats | None = None
+    posterior: LogPosterior,
+    theta: Floats,
+    rows: Floats,
+    initial: Floats,
+    weights: Floats | None = None,
+    solves: int = SOLVED_AGAIN,
 ) -> tuple[FitRecord, ...]:
     """Return what samples say of each term, its groups of data, and each experiment.
 
@@ -82,53 +88,86 @@ def judge_data(
         posterior: What was sampled.
         theta: Samples ``(n, d)``.
         rows: Their rows, ``(n, columns)``.
+        initial: The row at the prior mean.
         weights: Of the samples, if these are not equal, ``(n,)``.
+        solves: How many samples may be solved.
     """
-    rng = np.random.default_rng(0)
-    order = np.arange(len(theta))
+    rng, order = np.random.default_rng(0), np.arange(len(theta))
     if weights is not None:
         order = resample(weights, ENOUGH_STORED, 0.5)
     many = rng.permutation(order)[:ENOUGH_STORED]
-    few = np.unique(many[:SOLVED_AGAIN])
-    stored = posterior.unfold(rows[order])
+    few = theta[np.unique(many)[spread_out(len(np.unique(many)), solves)]]
+    some = theta[many], posterior.unfold(rows[many])
     found: list[FitRecord] = []
     for experiment in posterior.experiments:
-        own = {v: stored[experiment.full_name(v)] for v in experiment.variables}
-        some = posterior.unfold(rows[many])
-        held = {v: some[experiment.full_name(v)] for v in experiment.variables}
-        sums = list[_Sum]()
-        for term, name in zip(experiment.terms, experiment.term_names, strict=True):
-            record = FitRecord(
-                FITS,
-                experiment.name,
-                name,
-                TERM,
-                variable=", ".join(map(experiment.full_name, term.observed)),
-                paired=experiment.paired is not None,
-            )
-            try:
-                residuals = _find_residuals(
-                    posterior, experiment, term, (theta[many], held), theta[few]
-                )
-            except Exception as error:  # of any kind: it is the user's model or term
-                residuals = f"it raised {error!r}"
-            if isinstance(residuals, Residuals):
-                judged, whole = _judge_term(record, experiment, term, residuals, own)
-                found += judged
-                sums.append(whole)
-            elif residuals:
-                found.append(replace(record, status=NOT_JUDGED, reason=residuals))
-        if len(posterior.experiments) > 1 and sums:
-            found.append(_judge_experiment(experiment.name, sums))
+        found += _judge_experiment(posterior, experiment, some, few)
     looks = sum(np.isfinite(record.p) for record in found)
     found = [_settle(record, looks) for record in found]
+    whole, start = posterior.unfold(rows[order]), posterior.unfold(initial)
     for experiment in posterior.experiments:
-        own = {v: stored[experiment.full_name(v)] for v in experiment.variables}
-        initial = posterior.unfold(posterior.initial)
-        before = {v: initial[experiment.full_name(v)] for v in experiment.variables}
-        found = _judge_modes(experiment, own, found)
-        found += _find_skipped(experiment, own, before, found)
+        stored, before = (_own(experiment, all_of) for all_of in (whole, start))
+        found = _judge_modes(experiment, stored, found)
+        found += _find_skipped(experiment, stored, before, found)
     return tuple(found)
+
+
+def needs_solves(posterior: LogPosterior) -> bool:
+    """Return whether a term reads what is not stored with the samples."""
+    return any(
+        term.gaussian and not _is_stored(experiment, term)
+        for experiment in posterior.experiments
+        for term in experiment.terms
+    )
+
+
+def _is_stored(experiment: Experiment, term: Term) -> bool:
+    return term.reads is not None and {*term.reads} <= {*experiment.variables}
+
+
+def _own(experiment: Experiment, values: Batch) -> Batch:
+    """Return the stored variables of an experiment by their own names."""
+    return {name: values[experiment.full_name(name)] for name in experiment.variables}
+
+
+def _judge_experiment(
+    posterior: LogPosterior,
+    experiment: Experiment,
+    some: tuple[Floats, Batch],
+    few: Floats,
+) -> Iterator[FitRecord]:
+    """Yield the records of all terms, and of all data if there are other experiments.
+
+    Args:
+        posterior: What was sampled.
+        experiment: One of its experiments.
+        some: Samples ``(n, d)``, and all stored variables there.
+        few: The samples that may be solved.
+    """
+    stored = some[0], _own(experiment, some[1])
+    sums = list[_Sum]()
+    for term, name in zip(experiment.terms, experiment.term_names, strict=True):
+        record = FitRecord(
+            FITS,
+            experiment.name,
+            name,
+            TERM,
+            variable=", ".join(map(experiment.full_name, term.observed)),
+            paired=experiment.paired is not None,
+        )
+        try:
+            residuals = _find_residuals(posterior, experiment, term, stored, few)
+        except Exception as error:  # of any kind: it is the user's model or term
+            residuals = f"it raised {error!r}"
+        if isinstance(residuals, Residuals):
+            judged, whole = _judge_term(record, experiment, term, residuals, stored[1])
+            yield from judged
+            sums.append(whole)
+        elif residuals:
+            yield replace(record, status=NOT_JUDGED, reason=residuals)
+    if len(posterior.experiments) > 1 and sums:
+        all_data = _Sum(*map(sum, zip(*sums, strict=True)))
+        record = FitRecord(FITS, experiment.name, "", EXPERIMENT)
+        yield _test(record, all_data, None, False)
 
 
 def _find_residuals(
@@ -153,7 +192,7 @@ def _find_residuals(
             np.random.default_rng(0), posterior.parameters(theta), held
         )
         return "" if drawn else "it has no deviations"
-    if term.reads is None or not {*term.reads} <= {*held}:
+    if not _is_stored(experiment, term):
         theta, held = few, posterior.answer(few, experiment)
     residuals = term.residuals(posterior.parameters(theta), held)
     if residuals is None or len(theta) < 2:
@@ -245,12 +284,6 @@ def _judge_pair(
     both = replace(both, p=min(1.0, pairs * both.p), p_share=pairs * both.p_share)
     if both.p_share < first.p_share * len(groups):
         yield both
-
-
-def _judge_experiment(name: str, sums: Sequence[_Sum]) -> FitRecord:
-    """Return the record of all terms of an experiment together."""
-    whole = _Sum(*map(sum, zip(*sums, strict=True)))
-    return _test(FitRecord(FITS, name, "", EXPERIMENT), whole, None, False)
 
 
 def by_share(record: FitRecord) -> tuple[float, float]:

@@ -134,7 +134,7 @@ def _compare_replicates(drawn: Sequence[Measured]) -> _Replicates:
         if z[worst] > FAR_OUTSIDE or (chance < CHANCE and not part.inside.all()):
             far[part.name] = (
                 f"{part.name} of {part.dims} {part.labels[worst]} is farthest out "
-                f"(measured {part.values[worst]:.4g}, predicted {mean[worst]:.4g}"
+                f"(measured {part.values[worst]:.4g}, updated {part.updated[worst]:.4g}"
                 f"{f' {part.unit}'.rstrip()})"
             )
             if text := doubt_units(part.initial[None], part.values, part.unit):

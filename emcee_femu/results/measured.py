@@ -69,6 +69,11 @@ class Measured:
         return self.name.rpartition(".")[2]
 
     @property
+    def updated(self) -> Floats:
+        """The updated values: means of the model's over all samples, ``(m,)``."""
+        return np.asarray(self.predicted.mean(axis=0))
+
+    @property
     def inside(self) -> NDArray[np.bool_]:
         """Whether each value is inside 95 % of new measurements, ``(m,)``.
 

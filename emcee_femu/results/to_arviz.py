@@ -24,7 +24,7 @@ from ..posterior.priors import KnownPrior, prior_centre, summarize_prior
 from ..sampling.record import Chains
 from .arviz_objects import Dataset, InferenceData, groups, is_arviz, samples, wrap
 from .chains import STORED, TOLD, read_chains
-from .fit import judge_data, write_records
+from .fit import SOLVED_AGAIN, judge_data, write_records
 from .measured import ONE_NUMBER, Labelled, gather_by_terms, gather_observed
 
 FIT = "fit"  # attribute of the posterior group
@@ -268,20 +268,22 @@ def store_fit(data: InferenceData, records: Sequence[FitRecord]) -> InferenceDat
 
 
 def judge_samples(
-    chains: Chains, weights: Floats | None = None
+    chains: Chains, weights: Floats | None = None, solves: int = SOLVED_AGAIN
 ) -> tuple[FitRecord, ...]:
     """Return what samples say of the data, those of a chain from its second half.
 
     Args:
         chains: With their blobs.
         weights: Of the draws of a certificate, ``(n,)``.
+        solves: How many samples may be solved again.
     """
     if (posterior := chains.posterior) is None:
         return ()
     first = len(chains.draws) // 2 if chains.kind == "chain" else 0
     rows = _rows(chains, posterior)[first:].reshape(-1, posterior.row_size)
     theta = chains.draws[first:].reshape(-1, posterior.ndim)
-    return judge_data(posterior, theta, rows, weights)
+    initial = posterior.initial if chains.initial is None else chains.initial
+    return judge_data(posterior, theta, rows, initial, weights, solves)
 
 
 def pick_some(measurements: Dataset, weights: Floats | None = None) -> Dataset:

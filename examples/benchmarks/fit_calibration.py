@@ -190,6 +190,12 @@ def names_rightly(diagnosis, fault, wrong):
     return False
 
 
+def sample_and_judge(posterior, seed):
+    """Return the diagnosis of a short run: the fit needs no tails."""
+    run = ef.run(posterior, ef.DEMCMove(), 20, 160, ensembles=1, seed=seed, progress=False)
+    return ef.diagnose(run, discard=80)
+
+
 def main(right: int = 200, wrong: int = 100, first: int = 1000):
     """Print how many right tests are let pass, and how many wrong ones are named."""
     rows, told = [], 0
