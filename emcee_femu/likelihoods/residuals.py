@@ -27,19 +27,33 @@ class Residuals(NamedTuple):
         independent: Independent residuals, ``(n, m)``.
         by_datum: The residual of each datum ``(n, k)``, which may be correlated with
             others; the same array where they are not.
-        freedom: The degrees of freedom of each datum, ``(k,)``: 1, or less where a
-            scale is fitted, as that of a mode shape.
         inferred: Whether their standard deviations are inferred.
         places: ``{dimension: label of each datum (k,)}``; empty where unknown.
-        mac: MAC of each mode's shape ``(n, n_modes)``, or None.
+        shapes: Where the data are mode shapes; else None.
     """
 
     independent: Floats
     by_datum: Floats
-    freedom: Floats
     inferred: bool
     places: Mapping[str, NDArray[Any]]
-    mac: Floats | None = None
+    shapes: "ComparedShapes | None" = None
+
+
+class ComparedShapes(NamedTuple):
+    """Measured shapes and the model's, sensor by sensor, of unit length.
+
+    The model's are scaled to fit best, which takes a degree of freedom of each mode.
+    Both are divided by the standard deviations of the sensors, if these differ.
+
+    Attributes:
+        measured: The measured shapes, ``(k,)``, mode and sensor as in ``places``.
+        fitted: The model's, ``(n, k)``.
+        mac: The MAC of each mode, ``(n, n_modes)``.
+    """
+
+    measured: Floats
+    fitted: Floats
+    mac: Floats
 
 
 @dataclass(frozen=True)
@@ -62,11 +76,17 @@ class FitRecord:
         high: Upper end of this range.
         p: Probability that a right model gives more, for the most extreme of all groups
             that were looked at (Bonferroni).
-        p_share: The same probability for its share of the term's chi^2, for any size
-            of the errors; NaN for a whole term. The group with the least one is where
-            the data are off.
+        share: Its share of the term's chi^2, at the samples or at the prior mean,
+            whichever is less likely; NaN for a whole term.
+        p_share: Probability that a right model gives it a larger share, for any size of
+            the errors; NaN for a whole term. The group with the least one is where the
+            data are off.
         mac: MAC of a mode's shape, mean over the samples; NaN elsewhere.
         mac_expected: The MAC that the errors make likely.
+        mac_before: Its MAC at the prior mean.
+        mac_without: Its MAC without the sensors that are farthest out, at the samples or
+            at the prior mean, whichever is larger.
+        error: Name of the parameter that is its inferred error; empty without.
         variable: Name of the measured variable; empty where the term names none.
         paired: Whether the modes were paired by shape.
         reason: Why nothing was judged; empty otherwise.
@@ -82,9 +102,13 @@ class FitRecord:
     low: float = np.nan
     high: float = np.nan
     p: float = np.nan
+    share: float = np.nan
     p_share: float = np.nan
     mac: float = np.nan
     mac_expected: float = np.nan
+    mac_before: float = np.nan
+    mac_without: float = np.nan
+    error: str = ""
     variable: str = ""
     paired: bool = False
     reason: str = ""

@@ -12,7 +12,7 @@ from ..contracts import Floats, PairedSolution, Parameters, Response, Variable, 
 from ..measurements import Measurements
 from ..measurements.modes import doubt_percent
 from ..models.paired import at_sensors
-from .residuals import MODE, SENSOR, Residuals
+from .residuals import MODE, SENSOR, ComparedShapes, Residuals
 from .term import MOST_RELATIVE, Deviations, Term, error_array, log_normal
 
 # In words and as a formula in HTML, for reports, with the symbol of its error.
@@ -180,12 +180,12 @@ class ShapeTerm(Term):
         if self.discrepancy is not None:
             sd = np.asarray(self.spread(parameters))[:, :, None]
         z = (off * size / sd)[:, self._there]
-        freedom = (1 - unit**2).mean(axis=0)[self._there]
         known = self._dofs if self._dofs is not None else self._sensors
         labels = np.array([*map(str, known)] or range(1, 1 + len(self.measured)))
         sensor, mode = np.nonzero(self._there)
         places = {MODE: mode + 1, SENSOR: labels[sensor]}
-        return Residuals(z, z, freedom, self.discrepancy is not None, places, mac)
+        both = ComparedShapes(measured[self._there], unit[:, self._there], mac)
+        return Residuals(z, z, self.discrepancy is not None, places, both)
 
     def _weigh(self, response: Response) -> tuple[Floats, Floats, Floats, Floats]:
         """Return measured shapes and the model's at the sensors, both of unit length.

@@ -125,8 +125,7 @@ class Term:
             ends, restored = ends.reshape(len(ends), -1), restored.reshape(len(r), -1)
             by_datum = (restored - ends[0]) / np.sqrt(sd**2 @ (ends[1:] - ends[0]) ** 2)
         inferred = bool((np.ptp(sd, axis=0) > ROUNDING * sd[0]).any())
-        freedom = np.ones(by_datum.shape[1])
-        return Residuals(independent, by_datum, freedom, inferred, {})
+        return Residuals(independent, by_datum, inferred, {})
 
     def spread(self, parameters: Parameters) -> Floats | float:
         """Return the standard deviations, the stated and the inferred one together.

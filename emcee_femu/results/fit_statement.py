@@ -94,10 +94,10 @@ def judge_fit(
     about, new = describe_samples(idata, fitted=False), _compare_replicates(drawn)
     missed = [*about.surprising, *new.far]
     off = [r for r in judged if r.status in OFF]
-    sentence = "; ".join([*_count(new), *_name_misfits(judged, new.far)]) + "."
+    sentence = "; ".join([*_count(new), *_name_misfits(judged, missed)]) + "."
     pressed, swapped = about.find_pressed(), [*_find_swaps(chains)]
     if missed or off:
-        likeliest = [*_name_causes(judged), *swapped, *new.units]
+        likeliest = [*_name_causes(judged, missed), *swapped, *new.units]
         others = [*_outvoted(chains.posterior, missed), *about.find_doubts(), *pressed]
         last = [] if likeliest or others else [_advise(new.wrong, about)]
         short = f"{new.total - new.inside} of {new.total} outside" if new.far else ""
@@ -175,11 +175,16 @@ def _name_misfits(
     found = list[tuple[float, str]]()
     for of_term in _by_term(records):
         off, whole = [r for r in of_term if r.status in OFF], of_term[0]
-        if not off or whole.kind != TERM or whole.variable in named:
+        surprising = whole.error in named
+        if not (off or surprising) or whole.kind != TERM or whole.variable in named:
             continue
         name = _full_name(whole)
-        text = f"the chi^2 of {name} is uneven, whatever its error is"
-        if whole.status == MISFIT:  # else an inferred error absorbs it
+        text = f"{name} is off in some of its data, not in all"
+        if surprising:  # it absorbs the misfit
+            text = f"{name} fits by a large error only"
+        elif whole.error:
+            text = f"{name} is uneven, whatever its error is"
+        if whole.status == MISFIT:
             text = (
                 f"{name} has a chi^2 of {whole.chi2:.3g} on {whole.size:.3g} (a right "
                 f"model gives {whole.low:.2g} to {whole.high:.2g})"
@@ -231,14 +236,15 @@ def _name_mode(record: FitRecord) -> str:
     return words
 
 
-def _name_causes(records: Sequence[FitRecord]) -> Iterator[str]:
+def _name_causes(records: Sequence[FitRecord], named: Collection[str]) -> Iterator[str]:
     """Name what is likeliest wrong with the test: modes, sensors, pairing."""
     alike = [r for r in records if r.status == RESEMBLES_NONE]
     for r in alike:
         yield f"Is measured mode {r.label} spurious? {LEAVE_OUT}"
     for of_term in _by_term(records):
         modes = [r for r in of_term if r.kind == MODE and np.isfinite(r.mac)]
-        if not modes or not any(r.status == MISFIT for r in of_term):
+        off = of_term[0].error in named or any(r.status == MISFIT for r in of_term)
+        if not modes or not off:
             continue
         at = [r.label for r in find_farthest(of_term) if r.kind == SENSOR]
         where = f" of {modes[0].experiment}" if modes[0].experiment else ""

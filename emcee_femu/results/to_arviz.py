@@ -28,6 +28,7 @@ from .fit import SOLVED_AGAIN, judge_data, write_records
 from .measured import ONE_NUMBER, Labelled, gather_by_terms, gather_observed
 
 FIT = "fit"  # attribute of the posterior group
+LOST = 10.0  # of the log-posterior, beside the d / 2 by which it varies
 PRIOR_STORED = 1_000
 PREDICTIVE_DRAWS = 500  # which ArviZ draws in seconds
 
@@ -282,6 +283,11 @@ def judge_samples(
     first = len(chains.draws) // 2 if chains.kind == "chain" else 0
     rows = _rows(chains, posterior)[first:].reshape(-1, posterior.row_size)
     theta = chains.draws[first:].reshape(-1, posterior.ndim)
+    # A walker that has not arrived says nothing of the data.
+    kept = rows[:, 0] > np.median(rows[:, 0]) - LOST - posterior.ndim
+    rows, theta = rows[kept], theta[kept]
+    if weights is not None:
+        weights = weights[kept]
     initial = posterior.initial if chains.initial is None else chains.initial
     return judge_data(posterior, theta, rows, initial, weights, solves)
 

@@ -191,9 +191,9 @@ def names_rightly(diagnosis, fault, wrong):
 
 
 def sample_and_judge(posterior, seed):
-    """Return the diagnosis of a short run: the fit needs no tails."""
-    run = ef.run(posterior, ef.DEMCMove(), 20, 160, ensembles=1, seed=seed, progress=False)
-    return ef.diagnose(run, discard=80)
+    """Return the diagnosis of a short run of one ensemble: the fit needs no tails."""
+    run = ef.run(posterior, steps=60, ensembles=1, seed=seed, progress=False)
+    return ef.diagnose(run)
 
 
 def main(right: int = 200, wrong: int = 100, first: int = 1000):

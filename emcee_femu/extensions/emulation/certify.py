@@ -174,7 +174,7 @@ def certify(
         most = min(solves // SEARCH_SHARE, MOST_SEARCH_SOLVES)
         maxima, lost = _look_elsewhere(chain, evaluator, most, rng)
         climbed = evaluator.failed
-        # Of a corrected posterior some draws are solved again, for what rows do not hold.
+        # Of a corrected posterior some are solved again, for what rows do not hold.
         again = min(SOLVED_AGAIN, solves // JUDGED_SHARE)
         again *= needs_solves(posterior)
         places, counts = chain.choose(solves - evaluator.solves - again, rng)
