@@ -84,8 +84,8 @@ class FitRecord:
         mac: MAC of a mode's shape, mean over the samples; NaN elsewhere.
         mac_expected: The MAC that the errors make likely.
         mac_before: Its MAC at the prior mean.
-        mac_without: Its MAC without the sensors that are farthest out, at the samples or
-            at the prior mean, whichever is larger.
+        mac_without: Its MAC without the sensors that are farthest out, the larger one
+            of the samples and the prior mean.
         error: Name of the parameter that is its inferred error; empty without.
         variable: Name of the measured variable; empty where the term names none.
         paired: Whether the modes were paired by shape.

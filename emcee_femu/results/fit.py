@@ -456,6 +456,14 @@ def _judge_unpaired(
     paired = experiment.paired
     if paired is None:
         return
+    if not paired.by_reference:
+        yield FitRecord(
+            NOT_JUDGED,
+            experiment.name,
+            "measured shapes",
+            TERM,
+            reason="they pair modes, and no ShapeTerm compares them",
+        )
     shares = (stored["mac"] < paired.min_mac).mean(axis=0)
     unlike = np.flatnonzero(shares > NEARLY_ALL)
     # Parameters that follow a spurious mode make others unlike.
