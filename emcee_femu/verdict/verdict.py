@@ -10,9 +10,10 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ..contracts import Floats
+from ..likelihoods.residuals import FitRecord
 from ..search.importance import GOOD_K, are_reliable
 from ..search.record import ENDED, Chains
-from ..table import Parts, Report, Table
+from ..table import Column, Parts, Report, Table
 from .burn_in import FEWEST_STEPS
 from .statistics import (
     MaximaWeights,
@@ -146,6 +147,8 @@ class Diagnosis(Report):
             "doubtful" (they do, but parameters are far from their prior, modes of the
             structure have changed places, or there were warnings about the model or
             the prior), "at a bound", "does not fit" or "not checked".
+        data: What the statement on the fit is made from: one record for each term,
+            mode, sensor, channel and so on; printed by ``data_table``.
         plain: Whether the samplers are emcee's own, without a LogPosterior.
         stopped: Why the run ended: "converged", "solves" or "steps"; empty if unknown.
     """
@@ -167,6 +170,7 @@ class Diagnosis(Report):
     chains: Statement = NOT_JUDGED
     search: Statement = NOT_JUDGED
     fit: Statement = NOT_JUDGED
+    data: tuple[FitRecord, ...] = ()
     plain: bool = False
     stopped: str = ""
     discard: int = 0
@@ -213,6 +217,27 @@ class Diagnosis(Report):
                 ("R-hat ensembles", ".3f", self.rhat_between),
             ],
         )
+
+    @property
+    def data_table(self) -> Table:
+        """chi^2 of each term and of its groups, and the range of a right model."""
+        names = [".".join(filter(None, (r.experiment, r.term))) for r in self.data]
+        judged = [f"{r.kind} {r.label}".rstrip() for r in self.data]
+        columns: list[Column] = [
+            ("term", "", names),
+            ("data", "", judged),
+            ("says", "", [r.status for r in self.data]),
+        ]
+        for title, spec, name in (
+            ("chi^2", ".3g", "chi2"),
+            ("mean", ".3g", "size"),
+            ("2.5 %", ".3g", "low"),
+            ("97.5 %", ".3g", "high"),
+            ("p", ".2g", "p"),
+            ("MAC", ".3f", "mac"),
+        ):
+            columns.append((title, spec, [vars(r)[name] for r in self.data]))
+        return Table.from_columns("What the samples say of the data", columns)
 
     def _parts(self) -> Parts:
         if self.chains.status != NO_CHAINS:

@@ -27,7 +27,7 @@ from ...models.inputs import derive_along
 from ...models.matrix import AffineModel, StaticModel
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import samples
-from ...results.tables import INTERVAL
+from ...results.measured import INTERVAL
 from ...results.to_arviz import read_samples
 from ...verdict.statistics import spread_out
 from .measurements import (
