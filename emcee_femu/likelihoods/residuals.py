@@ -17,6 +17,7 @@ from ..contracts import Floats
 FITS, MISFIT, NOT_JUDGED = "fits", "does not fit", "not judged"
 RESEMBLES_NONE = "resembles none"  # a measured mode, of all the model's modes
 SKIPPED = "not measured"  # a mode of the model, between two that were measured
+SUSPECT = "suspect"  # a sensor which, put right, explains the measured shapes
 TERM, EXPERIMENT, MODE, SENSOR = "term", "experiment", "mode", "sensor"
 
 
@@ -62,8 +63,9 @@ class FitRecord:
 
     Attributes:
         status: "fits", "does not fit", "not judged", "resembles none" (a measured mode
-            that resembles no mode of the model), or "not measured" (a mode of the model
-            between two that were measured).
+            that resembles no mode of the model), "not measured" (a mode of the model
+            between two that were measured), or "suspect" (sensors which, put right,
+            explain the measured shapes: see :func:`.check_test`).
         experiment: Name of the experiment; empty for a single one.
         term: Name of the term; empty for all terms of an experiment.
         kind: What is judged: "term", "experiment", or a group of a term's data:
@@ -81,15 +83,16 @@ class FitRecord:
         p_share: Probability that a right model gives it a larger share, for any size of
             the errors; NaN for a whole term. The group with the least one is where the
             data are off.
-        mac: MAC of a mode's shape, mean over the samples; NaN elsewhere.
+        mac: MAC of a mode's shape, mean over the samples; of a suspect sensor, the mean
+            MAC with it put right; NaN elsewhere.
         mac_expected: The MAC that the errors make likely.
-        mac_before: Its MAC at the prior mean.
+        mac_before: Its MAC at the prior mean; of a suspect, the mean MAC as it is.
         mac_without: Its MAC without the sensors that are farthest out, the larger one
             of the samples and the prior mean.
         error: Name of the parameter that is its inferred error; empty without.
         variable: Name of the measured variable; empty where the term names none.
         paired: Whether the modes were paired by shape.
-        reason: Why nothing was judged; empty otherwise.
+        reason: Why nothing was judged, or what a sensor is suspected of.
     """
 
     status: str

@@ -105,7 +105,7 @@ class ShapeTerm(Term):
             if delta is None and discrepancy is None and sd is None:
                 if measured.shape_sd is not None:  # that of a missing sensor is unused
                     sd = np.nan_to_num(measured.shape_sd, nan=1.0)
-            self.dofs, self._sensors = measured.dofs, measured.sensors
+            self.dofs, self._sensors = measured.dofs, measured.sensor_labels
             measured = measured.shapes
         shapes = checks.numeric_array("measured", measured)
         self.there = there = ~np.isnan(shapes)
@@ -187,8 +187,7 @@ class ShapeTerm(Term):
         if self.discrepancy is not None:
             sd = np.asarray(self.spread(parameters))[:, :, None]
         z = (off * size / sd)[:, self.there]
-        known = self.dofs if self.dofs is not None else self._sensors
-        labels = np.array([*map(str, known)] or range(1, 1 + len(self.measured)))
+        labels = np.array(self._sensors or range(1, 1 + len(self.measured)))
         sensor, mode = np.nonzero(self.there)
         places = {MODE: mode + 1, SENSOR: labels[sensor]}
         both = ComparedShapes(measured[self.there], unit[:, self.there], mac)

@@ -15,7 +15,7 @@ group of k data is off: without fitted parameters it has the law Beta(k / 2, (n 
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
-from itertools import combinations, product
+from itertools import chain, combinations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +32,7 @@ from ..likelihoods.residuals import (
     RESEMBLES_NONE,
     SENSOR,
     SKIPPED,
+    SUSPECT,
     TERM,
     FitRecord,
     Residuals,
@@ -40,6 +41,7 @@ from ..likelihoods.term import Term
 from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre
+from ..posterior.sensors import suspect_sensors
 from ..search.importance import resample
 from ..verdict.statistics import spread_out
 from .measured import INTERVAL
@@ -60,7 +62,6 @@ SKIP_BETTER = 9.0  # times smaller squared errors: a third of the errors
 # Chance of a share of a term's chi^2; larger ones say nothing of where data are off.
 NOTABLE = 0.05
 MOST_PAIRS = 1_000  # of groups that are tried, as of 45 sensors
-PAIR_LEAVES = 0.5  # of the chi^2 that one group leaves, for two of them to be named
 ROUNDING = 1e-12
 FEWEST_FOR_PAIRS = 4  # groups of which two may be off together
 
@@ -86,14 +87,16 @@ def judge_data(
     """Return what samples say of each term, its groups of data, and each experiment.
 
     Terms that read stored variables take no solve. For others some samples are solved
-    again, the first time only.
+    again, and where shapes do not fit, sensors are suspected as by :func:`.check_test`
+    at the prior mean and the best sample; both the first time only.
 
     Args:
         posterior: What was sampled.
         theta: Samples ``(n, d)``.
         rows: Their rows, ``(n, columns)``.
         initial: The row at the prior mean.
-        weights: Of the samples, if these are not equal, ``(n,)``.
+        weights: Of the samples, if these are not equal, ``(n,)``; then no sensor is
+            suspected, because a certificate's solves are counted.
         solves: How many samples may be solved.
     """
     rng, order = np.random.default_rng(0), np.arange(len(theta))
@@ -113,6 +116,8 @@ def judge_data(
         stored, before = (_own(experiment, all_of) for all_of in (whole, start[1]))
         found = _judge_modes(experiment, stored, before, found)
         found += _find_skipped(experiment, stored, before, found)
+    if weights is None:
+        found += _find_suspects(posterior, theta[rows[:, 0].argmax()], found)
     return tuple(found)
 
 
@@ -301,7 +306,8 @@ def _judge_term(
         stored: The stored variables at the samples.
     """
     residuals = sets[0]
-    total = _add_up(residuals, np.ones(residuals.by_datum.shape[1], dtype=bool))
+    every = _add_up(residuals, np.ones(residuals.by_datum.shape[1], dtype=bool))
+    total = every
     if residuals.by_datum is not residuals.independent:
         independent = residuals.independent
         total = _Sum(float((independent**2).sum(axis=1).mean()), independent.shape[1])
@@ -319,7 +325,7 @@ def _judge_term(
         ]
         found += judged
         if len(groups) >= FEWEST_FOR_PAIRS and kind != MODE:
-            found += _judge_pair(judged, groups, sets)
+            found += _judge_pair(judged, groups, sets, every.size)
     if residuals.shapes is not None:
         found = _add_mac(found, sets, stored)
     return found, total
@@ -329,8 +335,19 @@ def _judge_pair(
     judged: Sequence[FitRecord],
     groups: Mapping[str, NDArray[np.bool_]],
     sets: Sequence[Residuals],
+    size: float,
 ) -> Iterator[FitRecord]:
-    """Yield the two groups that are farthest together, if farther than any one."""
+    """Yield the two groups that are farthest together, if one alone does not explain.
+
+    It does not if what it leaves is not left by chance: the other one's share of the
+    rest has the law of a share, too.
+
+    Args:
+        judged: The records of all groups of one kind.
+        groups: The data of each.
+        sets: The residuals.
+        size: Of the whole term.
+    """
     first, pairs = min(judged, key=by_share), [*combinations(groups, 2)]
     if len(pairs) > MOST_PAIRS:
         return
@@ -345,8 +362,9 @@ def _judge_pair(
         ),
         key=by_share,
     )
-    left, left_of_both = 1 - first.share, 1 - both.share
-    if left_of_both < PAIR_LEAVES * left:
+    rest, k = size - first.size, both.size - first.size
+    share = (both.share - first.share) / max(1 - first.share, ROUNDING)
+    if len(groups) * stats.beta(k / 2, (rest - k) / 2).sf(share) < NOTABLE:
         p, p_share = min(1.0, len(pairs) * both.p), len(pairs) * both.p_share
         yield replace(both, p=p, p_share=p_share)
 
@@ -504,6 +522,39 @@ def _find_skipped(
         if SKIP_BETTER * squares[j] < squares[m]:
             yield FitRecord(SKIPPED, experiment.name, "", MODE, str(j + 1))
             return
+
+
+def _find_suspects(
+    posterior: LogPosterior, best: Floats, found: Sequence[FitRecord]
+) -> Iterator[FitRecord]:
+    """Yield sensors that explain shapes which do not fit; ``best`` is a sample."""
+    off = {
+        record.experiment
+        for record in found
+        if record.status in (MISFIT, RESEMBLES_NONE)
+        and (np.isfinite(record.mac) or record.kind == SENSOR)
+    }
+    if not off:
+        return
+    theta = np.array([prior_centre(posterior.prior), best])
+    try:
+        suspects, _ = posterior.remember(
+            SUSPECT, theta, lambda: suspect_sensors(posterior, theta)
+        )
+    except Exception:  # of any kind: it is the user's model
+        return
+    for suspect in chain.from_iterable(suspects):
+        if suspect.experiment in off:
+            yield FitRecord(
+                SUSPECT,
+                suspect.experiment,
+                "",
+                SENSOR,
+                AND.join(suspect.sensors),
+                mac=suspect.after,
+                mac_before=suspect.before,
+                reason=str(suspect),
+            )
 
 
 def find_farthest(records: Sequence[FitRecord]) -> list[FitRecord]:

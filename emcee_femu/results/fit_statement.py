@@ -14,6 +14,7 @@ from ..likelihoods.residuals import (
     RESEMBLES_NONE,
     SENSOR,
     SKIPPED,
+    SUSPECT,
     TERM,
     FitRecord,
 )
@@ -89,11 +90,12 @@ def judge_fit(
     if not drawn and not judged:
         known = idata is not None and "constant_data" in idata
         reason = (NOT_DRAWN if parts else NO_DATA) if known else NOT_KNOWN
-        sentence = " ".join([f"{NOT_CHECKED}: {reason}.", *recalled])
+        sentence = " ".join([f"{NOT_CHECKED}: {reason}.", *silent, *recalled])
         return Statement(NOT_CHECKED, NOT_CHECKED, sentence)
     about, new = describe_samples(idata, fitted=False), _compare_replicates(drawn)
     missed = [*about.surprising, *new.far]
     off = [r for r in judged if r.status in OFF]
+    suspects = [r for r in judged if r.status == SUSPECT]
     sentence = "; ".join([*_count(new), *_name_misfits(judged, missed)]) + "."
     pressed, swapped = about.find_pressed(), [*_find_swaps(chains)]
     if missed or off:
@@ -102,6 +104,7 @@ def judge_fit(
         last = [] if likeliest or others else [_advise(new.wrong, about)]
         short = f"{new.total - new.inside} of {new.total} outside" if new.far else ""
         short = short or (_shorten(off) if off else "a surprising error")
+        short = f"suspect: {suspects[0].label}" if suspects else short
         words = [f"{DOES_NOT_FIT}: {sentence}", *likeliest, *others, *last, *silent]
         return Statement(DOES_NOT_FIT, short, " ".join(words))
     doubts = [*about.find_followed(), *swapped, *recalled]
@@ -170,6 +173,7 @@ def _name_misfits(
 ) -> Iterator[str]:
     """Describe the terms, judged by chi^2, in words of the test; not those named."""
     alike = [r for r in records if r.status == RESEMBLES_NONE]
+    suspected = {r.experiment for r in records if r.status == SUSPECT}
     for record in alike:
         yield f"measured {_name_mode(record)} resembles no mode of the model"
     found = list[tuple[float, str]]()
@@ -189,7 +193,7 @@ def _name_misfits(
                 f"{name} has a chi^2 of {whole.chi2:.3g} on {whole.size:.3g} (a right "
                 f"model gives {whole.low:.2g} to {whole.high:.2g})"
             )
-        if where := _name_farthest(of_term):
+        if where := _name_farthest(of_term, whole.experiment in suspected):
             text += f", farthest out is {where}"
         found.append((-whole.chi2 / whole.size, text))
     yield from (text for _, text in sorted(found)[:MOST_NAMED])
@@ -209,7 +213,7 @@ def _by_term(records: Sequence[FitRecord]) -> Iterator[list[FitRecord]]:
         yield [*group]
 
 
-def _name_farthest(records: Sequence[FitRecord]) -> str:
+def _name_farthest(records: Sequence[FitRecord], suspected: bool) -> str:
     """Name the groups of a term in which most of its chi^2 is."""
     best = find_farthest(records)
     modes = [r for r in records if r.kind == MODE and np.isfinite(r.mac)]
@@ -218,7 +222,7 @@ def _name_farthest(records: Sequence[FitRecord]) -> str:
     # Of shapes the mode is named in any case, by its MAC.
     lowest = min(modes, key=lambda r: r.mac)
     words = f"the shape of {_name_mode(next((r for r in best if r in modes), lowest))}"
-    at = [r.label for r in best if r.kind == SENSOR]
+    at = [r.label for r in best if r.kind == SENSOR and not suspected]
     return f"{words}, most at {_name_sensors(at[0])}" if at else words
 
 
@@ -237,7 +241,12 @@ def _name_mode(record: FitRecord) -> str:
 
 
 def _name_causes(records: Sequence[FitRecord], named: Collection[str]) -> Iterator[str]:
-    """Name what is likeliest wrong with the test: modes, sensors, pairing."""
+    """Name what is likeliest wrong with the test: sensors, modes, pairing."""
+    suspects = [r for r in records if r.status == SUSPECT]
+    for r in suspects:
+        said = r.reason[0].upper() + r.reason[1:]
+        yield f"{said}. If it is so, put it right in what was measured."
+    known = {r.experiment for r in suspects}
     alike = [r for r in records if r.status == RESEMBLES_NONE]
     for r in alike:
         yield f"Is measured mode {r.label} spurious? {LEAVE_OUT}"
@@ -248,7 +257,7 @@ def _name_causes(records: Sequence[FitRecord], named: Collection[str]) -> Iterat
             continue
         at = [r.label for r in find_farthest(of_term) if r.kind == SENSOR]
         where = f" of {modes[0].experiment}" if modes[0].experiment else ""
-        if not alike:
+        if not alike and modes[0].experiment not in known:
             which = _name_sensors(at[0]) if at else "one of the sensors"
             yield f"Look at the sensors first: is {which}{where} {CHECK_SENSORS}"
         if modes[0].term and not modes[0].paired:

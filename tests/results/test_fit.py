@@ -2,6 +2,7 @@
 
 import json
 import runpy
+import warnings
 from pathlib import Path
 
 import arviz as az
@@ -11,7 +12,12 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 import emcee_femu as ef
-from emcee_femu.likelihoods.residuals import NOT_JUDGED, RESEMBLES_NONE, SKIPPED
+from emcee_femu.likelihoods.residuals import (
+    NOT_JUDGED,
+    RESEMBLES_NONE,
+    SKIPPED,
+    SUSPECT,
+)
 from emcee_femu.results.fit import find_farthest
 from emcee_femu.results.measured import read_measured
 
@@ -40,7 +46,9 @@ def sample(posterior, steps=80, **options):
     starts = posterior.start(16, 1)
     starts[:, 0] = 1 + 0.02 * np.random.default_rng(1).standard_normal(16)
     known = {"ensembles": 1, "seed": 1, "starts": starts[None]} | options
-    return ef.run(posterior, ef.DEMCMove(), 16, steps, **known)
+    with warnings.catch_warnings():  # what check_test says before a run
+        warnings.filterwarnings("ignore", "sensor")
+        return ef.run(posterior, ef.DEMCMove(), 16, steps, **known)
 
 
 def broken(which):
@@ -55,12 +63,14 @@ def broken(which):
 
 
 def named(diagnosis, term, kind):
-    found = find_farthest([r for r in diagnosis.data if r.term == term])
+    """Return the suspect sensor, or the group that is farthest out."""
+    found = [r for r in diagnosis.data if r.status == SUSPECT]
+    found += find_farthest([r for r in diagnosis.data if r.term == term])
     return next((r.label for r in found if r.kind == kind), "")
 
 
 @pytest.mark.parametrize(
-    ("which", "sensor"), [("gain", "5"), ("turned", "3"), ("exchanged", "1 and 3")]
+    ("which", "sensor"), [("gain", "s6"), ("turned", "s4"), ("exchanged", "s2 and s4")]
 )
 @pytest.mark.parametrize("error", ["delta", "sd"])
 def test_a_wrong_sensor_does_not_fit_and_is_named(which, sensor, error):
@@ -69,7 +79,9 @@ def test_a_wrong_sensor_does_not_fit_and_is_named(which, sensor, error):
     found = ef.diagnose(sample(posterior), 40)
     assert found.fit.status == "does not fit"
     assert named(found, "shape", "sensor") == sensor
-    assert f"sensor{'s' * (which == 'exchanged')} {sensor}" in found.fit.sentence
+    assert (
+        f"sensor{'s' * (which == 'exchanged')} {sensor}" in found.fit.sentence.lower()
+    )
     assert "MAC" in found.fit.sentence and "chi^2" in found.fit.sentence
 
 
@@ -90,7 +102,7 @@ def test_an_inferred_error_does_not_hide_a_sensor():
     whole = next(r for r in found.data if (r.term, r.kind) == ("shape", "term"))
     assert whole.status == "fits"  # the error absorbs all of it
     assert found.fit.status == "does not fit"
-    assert named(found, "shape", "sensor") == "5"
+    assert named(found, "shape", "sensor") == "s6"
     right = target(NOISY, laws=laws, discrepancy="d")
     assert ef.diagnose(sample(right), 40).fit.status == "fits"
 
@@ -98,7 +110,7 @@ def test_an_inferred_error_does_not_hide_a_sensor():
 @pytest.mark.parametrize("shapes_compared", [True, False])
 def test_a_spurious_mode_is_named_first_with_the_cure(shapes_compared):
     """Fault 4: a fourth mode that resembles none."""
-    odd = np.array([1.0, -0.9, 0.2, 1.0, -1.0, 0.7])
+    odd = TRUE.shapes[0] @ [1, -1, 1, 1, -1, -1]  # as much of each mode
     hertz = np.insert(HERTZ, 2, 1.15 * HERTZ[1])
     shapes = np.insert(NOISY, 2, odd / np.linalg.norm(odd), axis=1)
     posterior = target(shapes, hertz)
@@ -252,7 +264,7 @@ def test_objects_of_earlier_versions_are_read_and_said_to_know_less(tmp_path):
     idata = ef.to_inference_data(sample(target(broken("gain"))), discard=40)
     del idata["posterior"].attrs["fit"]
     found = ef.diagnose(idata)
-    assert found.data == () and found.fit.status == "fits"
+    assert found.data == () and found.fit.status != "does not fit"
     assert "Not judged" in found.fit.sentence
 
 
@@ -283,24 +295,22 @@ def test_gauges_and_channels_are_named_by_their_labels():
 
 def test_a_model_that_fails_when_asked_again_is_no_reason_to_stop():
     class Fails:
-        names, calls = ("k",), 0
+        names, available = ("k",), True
         variables = MODEL.variables
 
         def __call__(self, parameters):
-            self.calls += 1
-            if len(parameters["k"]) == 8:
+            if not self.available:
                 raise ArithmeticError("no licence")
             return MODEL(parameters)
 
     test = ef.Measurements(HERTZ, NOISY, dofs=range(N))
-    posterior = ef.LogPosterior(
-        Fails(), ef.ShapeTerm(test, delta=0.03), ef.IndependentPrior(LAW)
-    )
-    posterior.experiments[0].model.variables = MODEL.variables
+    model, term = Fails(), ef.ShapeTerm(test, delta=0.03)
+    posterior = ef.LogPosterior(model, term, ef.IndependentPrior(LAW))
     starts = posterior.start(20, 1)[None]
     run = ef.run(posterior, ef.DEMCMove(), 20, 20, ensembles=1, seed=1, starts=starts)
-    found = ef.diagnose(run)
-    assert "no licence" in found.fit.sentence or found.fit.status == "not checked"
+    model.available = False
+    found = ef.diagnose(run).fit
+    assert found.status == "not checked" and "no licence" in found.sentence
 
 
 def test_it_costs_eight_solves_where_shapes_are_not_stored_and_none_elsewhere():
@@ -341,7 +351,7 @@ def test_a_certificate_has_the_judgement_of_its_weighted_draws():
     assert certificate.solves <= 80
     found = ef.diagnose(certificate)
     assert found.fit.status == "does not fit"
-    assert named(found, "shape", "sensor") == "5"
+    assert named(found, "shape", "sensor") == "s6"
 
 
 def test_a_report_prints_the_numbers_of_the_tables_and_of_the_verdict(tmp_path):
