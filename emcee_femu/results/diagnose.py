@@ -76,7 +76,7 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
     Examples:
         >>> import emcee_femu as ef
         >>> posterior = ef.paper.mass_spring().posterior
-        >>> run = ef.run(posterior, ef.DEMCMove(), 20, 50, ensembles=1, seed=1)
+        >>> run = ef.run(posterior, ef.DEMCMove(), 20, 100, ensembles=1, seed=1)
         >>> diagnosis = ef.diagnose(run)
         >>> diagnosis.chains.status, diagnosis.search.status, diagnosis.fit.status
         ('not converged', 'not searched', 'fits')

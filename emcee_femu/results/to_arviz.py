@@ -28,7 +28,10 @@ from .fit import SOLVED_AGAIN, judge_data, write_records
 from .measured import ONE_NUMBER, Labelled, gather_by_terms, gather_observed
 
 FIT = "fit"  # attribute of the posterior group
-LOST = 10.0  # of the log-posterior, beside the d / 2 by which it varies
+# Samples whose log-posterior is lower than the best one's by d and this have not
+# arrived: of a Gaussian it is lower by d / 2 on average, and by more than this once in
+# a thousand times.
+LOST = 5.0
 PRIOR_STORED = 1_000
 PREDICTIVE_DRAWS = 500  # which ArviZ draws in seconds
 
@@ -271,7 +274,7 @@ def store_fit(data: InferenceData, records: Sequence[FitRecord]) -> InferenceDat
 def judge_samples(
     chains: Chains, weights: Floats | None = None, solves: int = SOLVED_AGAIN
 ) -> tuple[FitRecord, ...]:
-    """Return what samples say of the data, those of a chain from its second half.
+    """Return what samples say of the data, without those that have not arrived.
 
     Args:
         chains: With their blobs.
@@ -280,11 +283,9 @@ def judge_samples(
     """
     if (posterior := chains.posterior) is None:
         return ()
-    first = len(chains.draws) // 2 if chains.kind == "chain" else 0
-    rows = _rows(chains, posterior)[first:].reshape(-1, posterior.row_size)
-    theta = chains.draws[first:].reshape(-1, posterior.ndim)
-    # A walker that has not arrived says nothing of the data.
-    kept = rows[:, 0] > np.median(rows[:, 0]) - LOST - posterior.ndim
+    rows = _rows(chains, posterior).reshape(-1, posterior.row_size)
+    theta = chains.draws.reshape(-1, posterior.ndim)
+    kept = rows[:, 0] > rows[:, 0].max() - LOST - posterior.ndim
     rows, theta = rows[kept], theta[kept]
     if weights is not None:
         weights = weights[kept]

@@ -68,6 +68,17 @@ def test_default_runs():
     assert table.column("search")[0] < table.column("solves")[0] < 8_000
 
 
+@pytest.mark.slow
+def test_fit_calibration():
+    """The law of its page: right tests fit, and wrong ones never do."""
+    table = load("benchmarks/fit_calibration").main(10, 10, 78)
+    right = [i for i, test in enumerate(table.column("test")) if test == "right"]
+    counts = [(table.column("tests")[i], table.column("fits")[i]) for i in right]
+    assert all(fits >= tests - 1 for tests, fits in counts)
+    assert sum(table.column("fits")) == sum(fits for _, fits in counts)
+    assert sum(table.column("named")) >= 7
+
+
 def test_constants_stay_sensible():
     """Whole numbers stay whole, shares below one, degrees of freedom above two."""
     scale = load("constants").scale
