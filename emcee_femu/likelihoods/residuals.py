@@ -70,7 +70,7 @@ class FitRecord:
         term: Name of the term; empty for all terms of an experiment.
         kind: What is judged: "term", "experiment", or a group of a term's data:
             "mode", "sensor", "channel", "point", and so on.
-        label: Which of these; two of them are joined by "and".
+        label: Which of these; two suspect sensors are joined by "and".
         chi2: Sum of squared residuals over their variances, mean over the samples.
         size: What a right model gives on average: the number of data, less one for each
             fitted scale of a shape.
@@ -87,8 +87,6 @@ class FitRecord:
             MAC with it put right; NaN elsewhere.
         mac_expected: The MAC that the errors make likely.
         mac_before: Its MAC at the prior mean; of a suspect, the mean MAC as it is.
-        mac_without: Its MAC without the sensors that are farthest out, the larger one
-            of the samples and the prior mean.
         error: Name of the parameter that is its inferred error; empty without.
         variable: Name of the measured variable; empty where the term names none.
         paired: Whether the modes were paired by shape.
@@ -110,7 +108,6 @@ class FitRecord:
     mac: float = np.nan
     mac_expected: float = np.nan
     mac_before: float = np.nan
-    mac_without: float = np.nan
     error: str = ""
     variable: str = ""
     paired: bool = False

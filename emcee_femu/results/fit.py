@@ -13,9 +13,9 @@ group of k data is off: without fitted parameters it has the law Beta(k / 2, (n 
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
-from itertools import chain, combinations, product
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -29,10 +29,7 @@ from ..likelihoods.residuals import (
     MISFIT,
     MODE,
     NOT_JUDGED,
-    RESEMBLES_NONE,
     SENSOR,
-    SKIPPED,
-    SUSPECT,
     TERM,
     FitRecord,
     Residuals,
@@ -41,9 +38,9 @@ from ..likelihoods.term import Term
 from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre
-from ..posterior.sensors import suspect_sensors
 from ..search.importance import resample
 from ..verdict.statistics import spread_out
+from .fit_modes import find_skipped, find_suspects, judge_modes
 from .measured import INTERVAL
 
 # Samples that are solved again where a term reads what is not stored, as shapes.
@@ -53,20 +50,11 @@ FALSE_ALARM = 0.01  # of a right test, over all groups that are looked at
 # chi^2 by its expectation below which a misfit does not matter: errors 10 % too small,
 # which thousands of data would show.
 MATTERS = 1.2
-NEARLY_ALL = 0.9  # of the samples
-# MAC without the farthest sensors, above which these explain why a mode is unlike.
-EXPLAINED = 0.8
-LOW_MAC = 0.5  # below it two shapes have little in common
-STANDS_OUT = 4.0  # times the next largest 1 - MAC, for a mode that resembles none
-SKIP_BETTER = 9.0  # times smaller squared errors: a third of the errors
 # Chance of a share of a term's chi^2; larger ones say nothing of where data are off.
 NOTABLE = 0.05
-MOST_PAIRS = 1_000  # of groups that are tried, as of 45 sensors
 ROUNDING = 1e-12
-FEWEST_FOR_PAIRS = 4  # groups of which two may be off together
 
 WORDS = {"dof": SENSOR}  # for dimensions
-AND = " and "
 
 
 class _Sum(NamedTuple):
@@ -111,13 +99,13 @@ def judge_data(
         found += _judge_experiment(posterior, experiment, some, few, start)
     looks = sum(np.isfinite(record.p) for record in found)
     found = [_settle(record, looks) for record in found]
+    if weights is None:
+        found += find_suspects(posterior, theta[rows[:, 0].argmax()], found)
     whole = posterior.unfold(rows[order])
     for experiment in posterior.experiments:
         stored, before = (_own(experiment, all_of) for all_of in (whole, start[1]))
-        found = _judge_modes(experiment, stored, before, found)
-        found += _find_skipped(experiment, stored, before, found)
-    if weights is None:
-        found += _find_suspects(posterior, theta[rows[:, 0].argmax()], found)
+        found = judge_modes(experiment, stored, before, found)
+        found += find_skipped(experiment, stored, before, found)
     return tuple(found)
 
 
@@ -241,20 +229,6 @@ def _add_up(residuals: Residuals, which: NDArray[np.bool_]) -> _Sum:
     return _Sum(float(chi2.mean()), size)
 
 
-def _without(residuals: Residuals, sensors: Sequence[str]) -> Floats:
-    """Return the MAC of each mode without some sensors, mean over the samples."""
-    assert residuals.shapes is not None
-    measured, fitted, _ = residuals.shapes
-    modes, labels = residuals.places[MODE], residuals.places[SENSOR]
-    kept = ~np.isin(labels, sensors)
-    macs = []
-    for mode in dict.fromkeys(modes.tolist()):
-        m, phi = (x[..., kept & (modes == mode)] for x in (measured, fitted))
-        sizes = (m**2).sum() * (phi**2).sum(axis=1)
-        macs.append(((phi @ m) ** 2 / np.maximum(sizes, ROUNDING**2)).mean())
-    return np.array(macs)
-
-
 def _test(record: FitRecord, part: _Sum) -> FitRecord:
     """Return a record with the chi^2 of some data, and its chance."""
     law = stats.chi2(part.size)
@@ -306,8 +280,7 @@ def _judge_term(
         stored: The stored variables at the samples.
     """
     residuals = sets[0]
-    every = _add_up(residuals, np.ones(residuals.by_datum.shape[1], dtype=bool))
-    total = every
+    total = _add_up(residuals, np.ones(residuals.by_datum.shape[1], dtype=bool))
     if residuals.by_datum is not residuals.independent:
         independent = residuals.independent
         total = _Sum(float((independent**2).sum(axis=1).mean()), independent.shape[1])
@@ -319,64 +292,19 @@ def _judge_term(
         if len(groups) < 2:
             continue
         of_kind = replace(record, kind=kind)
-        judged = [
+        found += [
             _test_share(replace(of_kind, label=label), sets, mask)
             for label, mask in groups.items()
         ]
-        found += judged
-        if len(groups) >= FEWEST_FOR_PAIRS and kind != MODE:
-            found += _judge_pair(judged, groups, sets, every.size)
     if residuals.shapes is not None:
         found = _add_mac(found, sets, stored)
     return found, total
 
 
-def _judge_pair(
-    judged: Sequence[FitRecord],
-    groups: Mapping[str, NDArray[np.bool_]],
-    sets: Sequence[Residuals],
-    size: float,
-) -> Iterator[FitRecord]:
-    """Yield the two groups that are farthest together, if one alone does not explain.
-
-    It does not if what it leaves is not left by chance: the other one's share of the
-    rest has the law of a share, too.
-
-    Args:
-        judged: The records of all groups of one kind.
-        groups: The data of each.
-        sets: The residuals.
-        size: Of the whole term.
-    """
-    first, pairs = min(judged, key=by_share), [*combinations(groups, 2)]
-    if len(pairs) > MOST_PAIRS:
-        return
-    both = min(
-        (
-            _test_share(
-                replace(first, label=AND.join(pair)),
-                sets,
-                groups[pair[0]] | groups[pair[1]],
-            )
-            for pair in pairs
-        ),
-        key=by_share,
-    )
-    rest, k = size - first.size, both.size - first.size
-    share = (both.share - first.share) / max(1 - first.share, ROUNDING)
-    if len(groups) * stats.beta(k / 2, (rest - k) / 2).sf(share) < NOTABLE:
-        p, p_share = min(1.0, len(pairs) * both.p), len(pairs) * both.p_share
-        yield replace(both, p=p, p_share=p_share)
-
-
 def _add_mac(
     found: Sequence[FitRecord], sets: Sequence[Residuals], stored: Batch
 ) -> list[FitRecord]:
-    """Return records whose modes have their MAC, and that without the worst sensors."""
-    sensors = [record for record in found if record.kind == SENSOR]
-    worst = find_farthest(sensors) or sensors
-    left_out = worst[0].label.split(AND) if worst else []
-    without = np.max([_without(residuals, left_out) for residuals in sets], axis=0)
+    """Return records whose modes have their MAC."""
     now, before = (r.shapes.mac.mean(axis=0) for r in (sets[0], sets[-1]) if r.shapes)
     now = stored["mac"].mean(axis=0) if "mac" in stored else now
     complete = []
@@ -390,7 +318,6 @@ def _add_mac(
                 mac=mac,
                 mac_expected=expected,
                 mac_before=float(before[i]),
-                mac_without=float(without[i]),
             )
         complete.append(record)
     return complete
@@ -436,125 +363,6 @@ def _place(
         axes[dim] = [*known][:size] if None not in known else [*range(1, size + 1)]
     every = np.array([*product(*axes.values())], dtype=object)
     return {dim: every[:, i] for i, dim in enumerate(axes)}
-
-
-def _judge_modes(
-    experiment: Experiment, stored: Batch, before: Batch, found: Sequence[FitRecord]
-) -> list[FitRecord]:
-    """Return the records with measured modes marked that resemble none of the model's.
-
-    Where no shapes are compared those of a :class:`.PairedModel` are, by its limit.
-    """
-    own = [r for r in found if r.experiment == experiment.name]
-    others = [r for r in found if r.experiment != experiment.name]
-    shaped = [r for r in own if r.kind == MODE and np.isfinite(r.mac)]
-    if not shaped:
-        return [*others, *own, *_judge_unpaired(experiment, stored, before)]
-    macs = np.array([max(r.mac, r.mac_before) for r in shaped])
-    unlike = {*np.flatnonzero(macs < LOW_MAC).tolist()}
-    lost, worst = 1 - macs, int(macs.argmin())
-    if len(shaped) > 1 and lost[worst] > STANDS_OUT * np.sort(lost)[-2]:
-        unlike.add(worst)
-    few = 2 * len(unlike) <= max(len(shaped), 2)
-    marked = {
-        id(shaped[i])
-        for i in unlike
-        if few
-        and (shaped[i].status == MISFIT or shaped[i].mac < LOW_MAC)
-        and shaped[i].mac_without < EXPLAINED
-    }
-    own = [replace(r, status=RESEMBLES_NONE) if id(r) in marked else r for r in own]
-    return [*others, *own]
-
-
-def _judge_unpaired(
-    experiment: Experiment, stored: Batch, before: Batch
-) -> Iterator[FitRecord]:
-    """Yield measured modes of a :class:`.PairedModel` that are not paired."""
-    paired = experiment.paired
-    if paired is None:
-        return
-    if not paired.by_reference:
-        yield FitRecord(
-            NOT_JUDGED,
-            experiment.name,
-            "measured shapes",
-            TERM,
-            reason="they pair modes, and no ShapeTerm compares them",
-        )
-    shares = (stored["mac"] < paired.min_mac).mean(axis=0)
-    unlike = np.flatnonzero(shares > NEARLY_ALL)
-    # Parameters that follow a spurious mode make others unlike.
-    spurious = np.flatnonzero(
-        (shares > NEARLY_ALL) & ~(before["mac"][0] > paired.min_mac)
-    )
-    unlike = spurious if len(spurious) else unlike
-    few = 2 * len(unlike) <= max(len(shares), 2)
-    record = FitRecord(RESEMBLES_NONE if few else MISFIT, experiment.name, "", MODE)
-    for i in unlike:
-        mac = float(stored["mac"][:, i].mean())
-        yield replace(record, label=str(i + 1), mac=mac, mac_expected=paired.min_mac)
-
-
-def _find_skipped(
-    experiment: Experiment, stored: Batch, before: Batch, found: Sequence[FitRecord]
-) -> Iterator[FitRecord]:
-    """Yield a mode of the model that was not measured, where their order matters.
-
-    Without it the others agree far better, at the samples or at the prior mean.
-    """
-    observed = [term.observed for term in experiment.terms]
-    measured = [by_name["frequency"] for by_name in observed if "frequency" in by_name]
-    if experiment.paired is not None or "frequency" not in stored or not measured:
-        return
-    off = any(r.status == MISFIT for r in found if r.experiment == experiment.name)
-    inferred = any(t.discrepancy for t in experiment.terms)
-    m = len(measured[0])
-    for predicted in (stored["frequency"].mean(axis=0), before["frequency"][0]):
-        if len(predicted) <= m or not (predicted > 0).all() or not (off or inferred):
-            continue
-        apart = np.log(predicted[:, None] / measured[0]) ** 2
-        squares = [
-            apart[np.delete(np.arange(m + 1), j), np.arange(m)].sum()
-            for j in range(m + 1)
-        ]  # the last one leaves none out
-        j = int(np.argmin(squares))
-        if SKIP_BETTER * squares[j] < squares[m]:
-            yield FitRecord(SKIPPED, experiment.name, "", MODE, str(j + 1))
-            return
-
-
-def _find_suspects(
-    posterior: LogPosterior, best: Floats, found: Sequence[FitRecord]
-) -> Iterator[FitRecord]:
-    """Yield sensors that explain shapes which do not fit; ``best`` is a sample."""
-    off = {
-        record.experiment
-        for record in found
-        if record.status in (MISFIT, RESEMBLES_NONE)
-        and (np.isfinite(record.mac) or record.kind == SENSOR)
-    }
-    if not off:
-        return
-    theta = np.array([prior_centre(posterior.prior), best])
-    try:
-        suspects, _ = posterior.remember(
-            SUSPECT, theta, lambda: suspect_sensors(posterior, theta)
-        )
-    except Exception:  # of any kind: it is the user's model
-        return
-    for suspect in chain.from_iterable(suspects):
-        if suspect.experiment in off:
-            yield FitRecord(
-                SUSPECT,
-                suspect.experiment,
-                "",
-                SENSOR,
-                AND.join(suspect.sensors),
-                mac=suspect.after,
-                mac_before=suspect.before,
-                reason=str(suspect),
-            )
 
 
 def find_farthest(records: Sequence[FitRecord]) -> list[FitRecord]:

@@ -23,7 +23,8 @@ from ..search.first_solve import doubt_units, is_constant, same_response
 from ..search.record import Chains
 from ..verdict.verdict import Statement
 from .arviz_objects import InferenceData
-from .fit import AND, find_farthest
+from .fit import find_farthest
+from .fit_modes import AND
 from .identifiability import Identifiability, describe_samples
 from .measured import Measured, read_measured
 
