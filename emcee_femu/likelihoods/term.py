@@ -36,7 +36,7 @@ Values = TypeVar("Values", Floats, NDArray[np.complex128])
 # An inferred error of zero, where a search may stand on the bound of a prior: its
 # likelihood overflows to zero, and is not undefined.
 LEAST_SD = 1e-160
-ROUNDING = 1e-9  # relative, by which equal standard deviations may differ
+SAME_SD = 1e-9  # relative, by which equal standard deviations may differ
 # What to advise for an inferred relative error. A half-normal has density at zero,
 # where the likelihood has a spike if the parameters fit all data; the long tail of
 # lognorm(1, scale=0.005) leaves standard deviations unknown where data are few.
@@ -124,7 +124,7 @@ class Term:
         if ends is not None and restored is not None:
             ends, restored = ends.reshape(len(ends), -1), restored.reshape(len(r), -1)
             by_datum = (restored - ends[0]) / np.sqrt(sd**2 @ (ends[1:] - ends[0]) ** 2)
-        inferred = bool((np.ptp(sd, axis=0) > ROUNDING * sd[0]).any())
+        inferred = bool((np.ptp(sd, axis=0) > SAME_SD * sd[0]).any())
         return Residuals(independent, by_datum, inferred, {})
 
     def spread(self, parameters: Parameters) -> Floats | float:

@@ -46,13 +46,13 @@ from .measured import INTERVAL
 # Samples that are solved again where a term reads what is not stored, as shapes.
 SOLVED_AGAIN = 8
 ENOUGH_STORED = 1_000  # samples where nothing is solved
-FALSE_ALARM = 0.01  # of a right test, over all groups that are looked at
+MISFIT_BY_CHANCE = 0.01  # of a right test, over all groups that are looked at
 # chi^2 by its expectation below which a misfit does not matter: errors 10 % too small,
 # which thousands of data would show.
 MATTERS = 1.2
 # Chance of a share of a term's chi^2; larger ones say nothing of where data are off.
 NOTABLE = 0.05
-ROUNDING = 1e-12
+LEAST_SHARE = 1e-12
 
 WORDS = {"dof": SENSOR}  # for dimensions
 
@@ -225,7 +225,7 @@ def _add_up(residuals: Residuals, which: NDArray[np.bool_]) -> _Sum:
                 continue
             left = 1 - (phi[:, part] ** 2).sum(axis=1)
             along = (phi[:, part] * z[:, part]).sum(axis=1)
-            chi2 = chi2 + along**2 / np.maximum(left, ROUNDING)
+            chi2 = chi2 + along**2 / np.maximum(left, LEAST_SHARE)
     return _Sum(float(chi2.mean()), size)
 
 
@@ -254,7 +254,7 @@ def _test_share(
         return record
     law = stats.beta(k / 2, (n - k) / 2)
     for part, whole in zip(parts, wholes, strict=True):
-        share = min(part.chi2 / max(whole.chi2, ROUNDING), 1.0)
+        share = min(part.chi2 / max(whole.chi2, LEAST_SHARE), 1.0)
         shares.append((float(law.sf(share)), -share))
     if sets[0].inferred:
         low, high = (wholes[0].chi2 * law.ppf(INTERVAL)).tolist()
@@ -335,7 +335,7 @@ def _settle(record: FitRecord, looks: int) -> FitRecord:
     if not np.isfinite(record.p):
         return record
     p = min(1.0, looks * record.p)
-    off = p < FALSE_ALARM and record.chi2 > MATTERS * record.size
+    off = p < MISFIT_BY_CHANCE and record.chi2 > MATTERS * record.size
     return replace(record, p=p, status=MISFIT if off else FITS)
 
 
