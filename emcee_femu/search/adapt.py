@@ -19,30 +19,10 @@ from .proposal import CARRIER, Component, Proposal, add_components
 REFINING_ROUNDS = 12
 # Effective share of a round's draws that ends the refinement.
 GOOD_SHARE = 0.9
-# Effective share from which a heavy tail of the weights counts little.
-HIGH_SHARE = 0.8
-# Pareto k of a tail that is not heavy.
-FAIR_K = 0.4
 # Gain of the effective share, as a ratio, that two rounds without end the refinement.
 GAIN_OF_ROUND = 1.05
-# Rounds whose proposals may be good by chance.
-FIRST_ROUNDS = 2
-# Components of a refined mixture at most.
-MOST_REFINED = 30
 # Weight of a new component.
 NEW_WEIGHT = 0.2
-# Share of the draws by which its matrix is known, and ridge of the nearest component.
-NEAREST_SHARE = 0.1
-NEW_RIDGE = 0.01
-# Log-weight below the largest, from which a draw carries no mass.
-RELEVANT = 8.0
-# Share of the largest weight, below which a draw does not take part in a fit.
-LEAST_SHARE = 1e-12
-# Iterations of the fit to stressed weights.
-STRESSED = 10
-# ln(p / q) that a good proposal may leave where a draw has more than the share below.
-LACK = 2.5
-CARRIES = 1e-5
 # The variance of a parameter is known if its ten largest terms hold no more of it than
 # this. (Those of a Gaussian hold .06 of the variance of 1,500 draws.)
 TERMS = 10
@@ -53,10 +33,8 @@ CARRIER_WEIGHT = 0.02
 CARRIER_LACK = 0.3
 # Ridge of the nearest component in the matrix of that for carriers.
 CARRIER_RIDGE = 0.3
-# Rounds of these, and their draws by those of a round of the refinement: they are of
-# the new components alone, which are little of a mixture.
+# Rounds of these.
 CARRYING_ROUNDS = 4
-CARRYING_SHARE = 1 / 3
 
 
 def adapt(campaign: Campaign) -> None:
@@ -71,9 +49,7 @@ def adapt(campaign: Campaign) -> None:
         if not len(archive.x) or spent >= c.sizes.refined:
             break
         if _is_enough(drafts):
-            lack = archive.log_ratio(c.proposal.law)
-            if lack[archive.shares > CARRIES].max() < LACK:
-                break
+            break
         if number + 1 < REFINING_ROUNDS:
             core = _refit(archive, c.proposal.core, c.settings.dfs)
             c.proposal = Proposal.fitted(core)
@@ -90,7 +66,8 @@ def carry(campaign: Campaign) -> None:
         carriers = [Component(weight, *place) for place in places]
         if not carriers:
             break
-        c.extend(carriers, CARRIER, round(CARRYING_SHARE * c.sizes.batch))
+        # They are of the new components alone, which are little of a mixture.
+        c.extend(carriers, CARRIER, c.sizes.batch // 3)
 
 
 def judge(campaign: Campaign) -> None:
@@ -107,10 +84,9 @@ def _is_enough(drafts: list[Draft]) -> bool:
     shares = [draft.efficiency for draft in drafts]
     if shares[-1] > GOOD_SHARE:
         return True
-    if len(drafts) <= FIRST_ROUNDS + 1:
-        return False
-    settled = max(shares[-2:]) < GAIN_OF_ROUND * max(shares[:-2])
-    return settled and (drafts[-1].pareto_k < FAIR_K or shares[-1] > HIGH_SHARE)
+    earlier = shares[:-2]  # the first may be good by chance
+    settled = len(earlier) > 1 and max(shares[-2:]) < GAIN_OF_ROUND * max(earlier)
+    return settled and drafts[-1].reliable
 
 
 def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]:
@@ -136,59 +112,33 @@ def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]
 
 
 def _refit(archive: Archive, core: Mixture, dfs: tuple[float, ...]) -> Mixture:
-    """Return the mixture that fits the weighted draws best, by Akaike's criterion."""
-    shares = archive.shares
+    """Return the old mixture or one of two fits, by Akaike's criterion.
+
+    One fit has a component more, at the draw that costs the other one most. The tails
+    are those of the largest effective share.
+    """
     # Truncated, so that one draw where the mixture lacks mass does not outweigh all
     # others (Ionides 2008, doi:10.1198/106186008X320456).
-    shares = np.minimum(shares, len(shares) ** -0.5)
-    shares /= shares.sum()
-    use = shares > LEAST_SHARE * shares.max()
-    x, shares = archive.x[use], shares[use]
-    size, d = 1.0 / np.sum(shares**2), x.shape[1]
-    candidates = []
-    for df in dfs:
-        other = replace(core, df=df)
-        candidates.append((-2 * size * float(shares @ other.log_density(x)), other))
-    for fitted, gained in _fits(x, shares, archive.log_p[use], core):
-        parameters = len(fitted.weights) * (1 + d + d * (d + 1) / 2)
-        candidates.append((2 * parameters - 2 * size * gained, fitted))
-    chosen = min(candidates, key=lambda pair: pair[0])[1]
-
-    def share(fitted: Mixture) -> float:
-        return archive.effective_share(Proposal.fitted(fitted).law)
-
-    tails = [replace(chosen, df=df) for df in dfs]
-    # In many dimensions a fit looks better by its own draws than it is.
-    if chosen.means is core.means and max(map(share, tails)) > HIGH_SHARE:
-        return max(tails, key=share)
-    # By the effective share, which regions of large weights spoil most: EM on weights
-    # that stress them brings the mixture nearer to its largest effective share.
-    excess = archive.log_p[use] - chosen.log_density(x)
-    stressed = shares * np.exp(0.5 * (excess - excess.max()))
-    again = chosen.improve(x, stressed / stressed.sum(), STRESSED)[0]
-    tails += [replace(again, df=df) for df in dfs]
-    return max(tails, key=share)
-
-
-def _fits(
-    x: Floats, shares: Floats, log_p: Floats, core: Mixture
-) -> Iterator[tuple[Mixture, float]]:
-    """Yield the fit, and one with a component more where the mixture lacks most."""
-    fitted, gained = core.improve(x, shares)
-    yield fitted, gained
-    if len(fitted.weights) >= MOST_REFINED:
-        return
-    relevant = np.log(shares / shares.max()) > -RELEVANT
-    lacking = np.where(relevant, log_p - fitted.log_density(x), -np.inf)
-    place = x[np.argmax(lacking)]
+    shares = np.minimum(archive.shares, len(archive.x) ** -0.5)
+    use = shares > np.finfo(float).eps * shares.max()
+    x, shares = archive.x[use], shares[use] / shares[use].sum()
+    fitted, _ = core.improve(x, shares)
+    costs = np.log(shares) + archive.log_p[use] - fitted.log_density(x)
+    place = x[np.argmax(costs)]
     nearest = np.argmin(fitted.squared_distances(place[None])[0])
-    near = fitted.matrices[nearest]
-    distances = ((x - place) @ np.linalg.inv(fitted.factors[nearest]).T) ** 2
-    order = np.argsort(distances.sum(axis=1))
-    enough = np.searchsorted(np.cumsum(shares[order]), NEAREST_SHARE)
-    some = order[: max(int(enough), 3 * x.shape[1])]
-    share = 0.5 * shares[some] / shares[some].sum() + 0.5 / len(some)
-    centred = x[some] - place
-    matrix = (share * centred.T) @ centred + NEW_RIDGE * near
-    new = add_components(fitted, [Component(NEW_WEIGHT, place, matrix)])
-    yield new.improve(x, shares)
+    added = Component(NEW_WEIGHT, place, fitted.matrices[nearest])
+    larger, _ = add_components(fitted, [added]).improve(x, shares)
+    size, d = 1.0 / np.sum(shares**2), x.shape[1]
+
+    def gain(mixture: Mixture) -> float:
+        """Return half of Akaike's criterion, with its sign turned."""
+        parameters = len(mixture.weights) * (d + 1) * (d + 2) / 2
+        free = 0.0 if mixture.means is core.means else parameters
+        return float(size * (shares @ mixture.log_density(x)) - free)
+
+    old = [replace(core, df=df) for df in dfs]
+    chosen = max([*old, fitted, larger], key=gain)
+    return max(
+        (replace(chosen, df=df) for df in dfs),
+        key=lambda mixture: archive.effective_share(Proposal.fitted(mixture).law),
+    )

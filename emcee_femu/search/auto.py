@@ -11,7 +11,6 @@ from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
 from ..evaluation.samplers import start_state
 from ..moves import HamiltonianMove
-from ..moves.mixture import Mixture
 from ..posterior.followed_modes import follow_modes
 from .adapt import adapt, carry, judge
 from .anneal import anneal_population, fewest_members
@@ -20,8 +19,8 @@ from .coordinates import Coordinates
 from .explore import explore
 from .importance import find_acceptance, resample
 from .ledger import Kept, Ledger
-from .proposal import Proposal, assign
-from .record import Annealed, SearchRecord, weigh
+from .proposal import assign
+from .record import SearchRecord, weigh
 from .response_surface import SURFACE_COST, learn_surface
 from .settings import SETTINGS
 from .tails import follow_tails
@@ -49,8 +48,6 @@ SCREENED = 10
 MOST_SCREENED = 100
 # Members of the populations of all ensembles.
 POPULATION = 1_000
-# Degrees of freedom of a mixture that is fitted to them.
-POPULATION_DF = 5.0
 # Draws from which Hamiltonian moves are tuned.
 TUNING_DRAWS = 24
 # Solves that this takes at most, for which a budget has to be twice as large.
@@ -175,53 +172,37 @@ def look_for_gradients(campaign: Campaign) -> None:
     campaign.by_gradients = tunable and campaign.draft.acceptance < POOR_ACCEPTANCE
 
 
-def try_again(campaign: Campaign) -> None:
-    """Anneal where the proposal lacks part of the posterior, and refine it anew."""
-    c, first = campaign, campaign.draft
-    if c.surface or first.reliable or (c.by_gradients and first.efficiency):
+def anneal_starts(campaign: Campaign) -> None:
+    """Anneal populations to start from, where the proposal hardly meets the posterior.
+
+    That is where the shapes of the maxima say too little, or none is met at all.
+    """
+    c, draft = campaign, campaign.draft
+    if c.surface or draft.reliable or (c.by_gradients and draft.efficiency):
         return
     affordable = c.evaluator.solves < c.ledger.end("adapt", "judge")
-    core = first.proposal.undefended
-    # Where the shapes of the maxima say too little, or never met the posterior.
-    poor = first.acceptance < POOR_ACCEPTANCE
-    if (poor and affordable) or not first.efficiency:
-        with c.ledger.charge("anneal"):
-            c.populations = _anneal_each(c)
-        if affordable:
-            members = np.concatenate([each.theta for each in c.populations])
-            core = Mixture.fit(members, "auto", POPULATION_DF)
-    if not affordable:
+    if draft.efficiency and (draft.acceptance > POOR_ACCEPTANCE or not affordable):
         return
-    c.proposal = Proposal.fitted(core)
-    for stage in REFINEMENT:
-        with c.ledger.charge(stage.__name__):
-            stage(c)
-    if not c.draft.is_better(first):
-        c.draft = first
+    number = len(c.streams)
+    size = max(fewest_members(c.posterior.ndim), POPULATION // number)
+    plain = Coordinates.plain(c.posterior.prior)
+    most = (c.ledger.end("adapt", "judge") - c.evaluator.solves) / number
+    c.populations = [
+        anneal_population(c.evaluator, plain, rng, size, most=most) for rng in c.streams
+    ]
 
 
-# The stages of a refinement, and all of "auto". A tuple without one is an ablation.
-REFINEMENT: tuple[Stage, ...] = (adapt, follow_tails, carry, judge)
+# All of "auto". A tuple without a stage is an ablation.
 STAGES: tuple[Stage, ...] = (
     explore,
-    *REFINEMENT,
+    adapt,
+    follow_tails,
+    carry,
+    judge,
     bend,
     look_for_gradients,
-    try_again,
+    anneal_starts,
 )
-
-
-def _anneal_each(campaign: Campaign) -> list[Annealed]:
-    """Return an annealed population of each ensemble."""
-    evaluator, number = campaign.evaluator, len(campaign.streams)
-    posterior = evaluator.posterior
-    size = max(fewest_members(posterior.ndim), POPULATION // number)
-    plain = Coordinates.plain(posterior.prior)
-    most = (campaign.ledger.end("adapt", "judge") - evaluator.solves) / number
-    return [
-        anneal_population(evaluator, plain, rng, size, most=most)
-        for rng in campaign.streams
-    ]
 
 
 def _assign_climbs(campaign: Campaign) -> NDArray[np.intp]:

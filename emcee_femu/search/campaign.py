@@ -60,7 +60,6 @@ class Campaign:
         maxima: The maxima that were found.
         proposal: The present proposal; none before the exploration.
         draft: The best proposal so far, with the draws that judged it.
-        tails: Components for tails, which a refinement does not keep.
         points: How many points were explored.
         first_share: Effective share of the first refined mixture, without those.
         surface: The response surface that screens proposals, where there is one.
@@ -78,7 +77,6 @@ class Campaign:
     maxima: Maxima = field(init=False)
     proposal: Proposal = field(init=False)
     draft: Draft = field(init=False)
-    tails: list[Component] = field(default_factory=list)
     points: int = 0
     first_share: float = np.nan
     surface: ResponseSurface | None = None

@@ -53,7 +53,7 @@ MOST_TAIL_SOLVES = 6_000
 
 def follow_tails(campaign: Campaign) -> None:
     """Follow the tails in rounds, and add a component for each slab that matters."""
-    c, new = campaign, campaign.tails[:]
+    c, new = campaign, list[Component]()
     for number in range(TAIL_ROUNDS + 1):
         if new:
             drawn = c.sizes.batch * max(1, len(new) // SLABS_PER_ROUND) // 2
@@ -66,7 +66,6 @@ def follow_tails(campaign: Campaign) -> None:
         most = min(c.ledger.end("judge"), spent)
         slabs = climb_tails(c.evaluator, c.archive, most)
         new = [slab._replace(weight=c.heavy * slab.weight) for slab in slabs]
-        c.tails.extend(new)
 
 
 def climb_tails(
