@@ -4,10 +4,11 @@ Three stages: ``adapt`` refines the core, ``carry`` adds components where few dr
 carry the variance of a parameter, and ``judge`` draws anew to judge the proposal.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..contracts import Floats
 from ..moves.mixture import Mixture
@@ -51,7 +52,7 @@ def adapt(campaign: Campaign) -> None:
         if _is_enough(drafts):
             break
         if number + 1 < REFINING_ROUNDS:
-            core = _refit(archive, c.proposal.core, c.settings.dfs)
+            core = _refit(archive, c.proposal.core, c.settings.dfs, c.coordinates)
             c.proposal = Proposal.fitted(core)
     if np.isnan(c.first_share):
         c.first_share = archive.effective_share(c.proposal.law)
@@ -91,7 +92,7 @@ def _is_enough(drafts: list[Draft]) -> bool:
 
 def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]:
     """Yield mean and matrix of draws that carry the variance of a parameter."""
-    x = archive.x
+    x, plain = archive.x, law.seen_in(None)
     if len(x) <= TERMS:
         return
     lack = archive.log_ratio(law)
@@ -104,30 +105,41 @@ def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]
             continue
         part /= part.sum()
         mean = part @ x
-        nearest = np.argmin(law.squared_distances(mean[None])[0])
+        nearest = np.argmin(plain.squared_distances(mean[None])[0])
         centred = x - mean
         matrix = (part * centred.T) @ centred
-        matrix += CARRIER_RIDGE * law.matrices[nearest]
+        matrix += CARRIER_RIDGE * plain.matrices[nearest]
         yield mean, matrix
 
 
-def _refit(archive: Archive, core: Mixture, dfs: tuple[float, ...]) -> Mixture:
-    """Return the old mixture or one of two fits, by Akaike's criterion.
+def _refit(
+    archive: Archive,
+    core: Mixture,
+    dfs: tuple[float, ...],
+    coordinates: Sequence[NDArray[np.bool_] | None],
+) -> Mixture:
+    """Return the old mixture or a fit to the weighted draws, by Akaike's criterion.
 
-    One fit has a component more, at the draw that costs the other one most. The tails
-    are those of the largest effective share.
+    In each of the coordinates there are two fits, one with a component more, at the
+    draw that costs the other one most. The tails are those of the largest effective
+    share.
     """
     # Truncated, so that one draw where the mixture lacks mass does not outweigh all
     # others (Ionides 2008, doi:10.1198/106186008X320456).
     shares = np.minimum(archive.shares, len(archive.x) ** -0.5)
     use = shares > np.finfo(float).eps * shares.max()
     x, shares = archive.x[use], shares[use] / shares[use].sum()
-    fitted, _ = core.improve(x, shares)
-    costs = np.log(shares) + archive.log_p[use] - fitted.log_density(x)
-    place = x[np.argmax(costs)]
-    nearest = np.argmin(fitted.squared_distances(place[None])[0])
-    added = Component(NEW_WEIGHT, place, fitted.matrices[nearest])
-    larger, _ = add_components(fitted, [added]).improve(x, shares)
+    candidates = [replace(core, df=df) for df in dfs]
+    for logs in coordinates:
+        begin = core if logs is core.logs else core.seen_in(logs)
+        fitted, _ = begin.improve(x, shares)
+        costs = np.log(shares) + archive.log_p[use] - fitted.log_density(x)
+        place = x[[np.argmax(costs)]]
+        nearest = np.argmin(fitted.squared_distances(place)[0])
+        (mean,) = fitted.coordinates(place)
+        added = Component(NEW_WEIGHT, mean, fitted.matrices[nearest])
+        larger, _ = add_components(fitted, [added]).improve(x, shares)
+        candidates += [fitted, larger]
     size, d = 1.0 / np.sum(shares**2), x.shape[1]
 
     def gain(mixture: Mixture) -> float:
@@ -136,8 +148,7 @@ def _refit(archive: Archive, core: Mixture, dfs: tuple[float, ...]) -> Mixture:
         free = 0.0 if mixture.means is core.means else parameters
         return float(size * (shares @ mixture.log_density(x)) - free)
 
-    old = [replace(core, df=df) for df in dfs]
-    chosen = max([*old, fitted, larger], key=gain)
+    chosen = max(candidates, key=gain)
     return max(
         (replace(chosen, df=df) for df in dfs),
         key=lambda mixture: archive.effective_share(Proposal.fitted(mixture).law),

@@ -303,7 +303,7 @@ def _record(
 
 def _tune_trajectories(campaign: Campaign, draws: Floats) -> dict[str, object]:
     """Return the arguments of Hamiltonian moves."""
-    narrow = campaign.draft.proposal.undefended
+    narrow = campaign.draft.proposal.undefended.seen_in(None)
     metric = np.einsum("k,kij->ij", narrow.weights, narrow.matrices)
     some = draws[:: -(-len(draws) // TUNING_DRAWS)]
     move = HamiltonianMove.tuned(campaign.evaluator, some, metric, seed=0)

@@ -1,7 +1,7 @@
 """A proposal: a mixture whose components are known by what they are for."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Self, TypeAlias
 
@@ -35,7 +35,10 @@ NO_MAXIMUM = -1
 
 
 class Component(NamedTuple):
-    """A component to be added: weight, mean ``(d,)``, scale matrix ``(d, d)``."""
+    """A component to be added: weight, mean ``(d,)``, scale matrix ``(d, d)``.
+
+    In the coordinates of the mixture to which it is added.
+    """
 
     weight: float
     mean: Floats
@@ -105,11 +108,11 @@ def add_components(mixture: Mixture, added: Sequence[Component]) -> Mixture:
     """Return a mixture with more components."""
     weights, means, matrices = map(np.array, zip(*added, strict=True))
     weights = weights * min(1.0, MOST_ADDED / weights.sum())
-    return Mixture(
-        np.append((1 - weights.sum()) * mixture.weights, weights),
-        np.vstack([mixture.means, means]),
-        np.concatenate([mixture.matrices, matrices]),
-        mixture.df,
+    return replace(
+        mixture,
+        weights=np.append((1 - weights.sum()) * mixture.weights, weights),
+        means=np.vstack([mixture.means, means]),
+        matrices=np.concatenate([mixture.matrices, matrices]),
     )
 
 

@@ -268,7 +268,7 @@ class SearchRecord(Report):
         """The frozen proposal as a move."""
         mixture = self.mixture
         return IndependenceMove(
-            mixture.weights, mixture.means, mixture.matrices, mixture.df
+            mixture.weights, mixture.means, mixture.matrices, mixture.df, mixture.logs
         )
 
     def moves(self, prior: Prior | None) -> list[tuple[Move, float]]:
@@ -327,9 +327,9 @@ class SearchRecord(Report):
     @classmethod
     def from_json(cls, record: dict[str, Any]) -> Self:
         """Return the record that :meth:`to_json` wrote."""
-        *lists, df = record["mixture"]
-        weights, means, matrices = map(np.array, lists)
-        mixture = Mixture(weights, means, matrices, df)
+        *lists, df, logs = [*record["mixture"], None][:5]  # in files of 0.5 no logs
+        logs = None if logs is None else np.array(logs, dtype=bool)
+        mixture = Mixture(*map(np.array, lists), df, logs)
         fields = {RENAMED.get(name, name): value for name, value in record.items()}
         return cls(**_as_arrays(fields | {"mixture": mixture}))
 

@@ -202,7 +202,10 @@ def learn_surface(
         walked = _walk(surface, law, rng, SURFACE_KEPT)
         try:
             # A fit's own wide component would join separate maxima.
-            fits = [Mixture.fit(x, "auto", DF, covered=False) for x in walked]
+            fits = [
+                Mixture.fit(law.coordinates(x), "auto", DF, covered=False)
+                for x in walked
+            ]
         except ValueError:  # nearly all walkers are at one place, or far from any solve
             return None
         weights = [
@@ -211,7 +214,7 @@ def learn_surface(
         ]
         means = np.vstack([fit.means for fit in fits])
         matrices = np.concatenate([fit.matrices for fit in fits])
-        core = Mixture(np.concatenate(weights), means, matrices, DF)
+        core = Mixture(np.concatenate(weights), means, matrices, DF, law.logs)
         proposal = Proposal.fitted(core)
         law = proposal.law
     return surface, proposal
@@ -251,7 +254,9 @@ def _walk(
     """Return draws ``(n, d)`` of a surface at each temperature, by walkers on it."""
     x = law.draw(rng, CHEAP)
     log_c, log_q = surface(x), law.log_density(x)
-    independent = IndependenceMove(law.weights, law.means, law.matrices, law.df)
+    independent = IndependenceMove(
+        law.weights, law.means, law.matrices, law.df, law.logs
+    )
     moves = [(independent, INDEPENDENT), (DEMCMove(), 1.0 - INDEPENDENT)]
     drawn = []
 
