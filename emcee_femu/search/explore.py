@@ -85,7 +85,14 @@ def explore(campaign: Campaign) -> None:
         search.climb_from_prior(len(theta), CLIMBED_SHARE * size)
     search.follow(size)
     most = c.evaluator.solves + SHARE_TESTED * size
-    find_shoulders(c.evaluator, c.maxima, min(search.most, most))
+    find_shoulders(
+        c.evaluator,
+        c.maxima,
+        search.theta,
+        search.heights,
+        c.settings.fruitless,
+        min(search.most, most),
+    )
     scans = search.wider_mixtures()
     for mixture in scans:
         number = -(-each // len(scans))

@@ -14,7 +14,7 @@ from ..evaluation.evaluator import Evaluation
 from ..posterior.log_posterior import LOG_POSTERIOR
 from .coordinates import Coordinates
 from .curvature import Space
-from .maxima import Gaussian, Maxima
+from .maxima import NEGLIGIBLE, Gaussian, Maxima
 from .quadratic import log_integral, make_positive
 
 # Standard deviations from a maximum at which its Gaussian is compared with the density.
@@ -37,34 +37,46 @@ class Shoulder(NamedTuple):
     log_evidence: float
 
 
-def find_shoulders(evaluator: Evaluation, maxima: Maxima, most: float) -> None:
+def find_shoulders(
+    evaluator: Evaluation,
+    maxima: Maxima,
+    points: Floats,
+    heights: Floats,
+    fruitless: int,
+    most: float,
+) -> None:
     """Add shoulders to the maxima, where points beside these are not explained.
+
+    From those points, and from all that were explored, it goes on with the highest that
+    is not explained, until so many in a row are no part of the posterior.
 
     Args:
         evaluator: What evaluates.
         maxima: The maxima, which get the shoulders.
+        points: Points that were explored, ``(n, d)``.
+        heights: Their log-posteriors, ``(n,)``.
+        fruitless: How many.
         most: Solves after which no shoulder is looked for.
     """
-    probed: list[Gaussian] = []
-    points, heights = np.empty((0, evaluator.posterior.ndim)), np.empty(0)
-    while evaluator.solves < most:
-        for one in maxima.parts:
-            if not any(one is other for other in probed):
-                probed.append(one)
-                new = _beside(evaluator, one)
-                points = np.vstack([points, new])
-                rows = evaluator.rows(new)
-                heights = np.append(heights, rows[:, LOG_POSTERIOR])
-        excess = maxima.excess(points, heights)
-        worst = int(np.argmax(excess))
-        if not excess[worst] > UNEXPLAINED:
+    probed, failed = 0, 0
+    while evaluator.solves < most and failed < fruitless:
+        for part in maxima.parts[probed:]:
+            new = _beside(evaluator, part)
+            points = np.vstack([points, new])
+            rows = evaluator.rows(new)
+            heights = np.append(heights, rows[:, LOG_POSTERIOR])
+        probed = len(maxima.parts)
+        unexplained = maxima.excess(points, heights) > UNEXPLAINED
+        if not unexplained.any():
             return
-        point, points = points[worst], np.delete(points, worst, axis=0)
-        heights = np.delete(heights, worst)
-        nearest = maxima.nearest(point)
-        shoulder = _fit(evaluator, point, nearest)
-        if shoulder is not None:
+        highest = int(np.argmax(np.where(unexplained, heights, -np.inf)))
+        shoulder = _fit(evaluator, points[highest], maxima.nearest(points[highest]))
+        points, heights = (np.delete(x, highest, axis=0) for x in (points, heights))
+        if shoulder and shoulder.log_evidence > maxima.log_evidence - NEGLIGIBLE:
             maxima.shoulders.append(shoulder)
+            failed = 0
+        else:
+            failed += 1
 
 
 def _beside(evaluator: Evaluation, part: Gaussian) -> Floats:
