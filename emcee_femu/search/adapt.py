@@ -4,16 +4,15 @@ Three stages: ``adapt`` refines the core, ``carry`` adds components where few dr
 carry the variance of a parameter, and ``judge`` draws anew to judge the proposal.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..contracts import Floats
 from ..moves.mixture import Mixture
 from .archive import Archive, Draft
-from .campaign import Campaign
+from .campaign import POOR_ACCEPTANCE, Campaign
 from .proposal import CARRIER, Component, Proposal, add_components
 
 # Rounds of a refinement at most.
@@ -52,7 +51,7 @@ def adapt(campaign: Campaign) -> None:
         if _is_enough(drafts):
             break
         if number + 1 < REFINING_ROUNDS:
-            core = _refit(archive, c.proposal.core, c.settings.dfs, c.coordinates)
+            core = _refit(c, draft.acceptance < POOR_ACCEPTANCE)
             c.proposal = Proposal.fitted(core)
     if np.isnan(c.first_share):
         c.first_share = archive.effective_share(c.proposal.law)
@@ -80,14 +79,15 @@ def judge(campaign: Campaign) -> None:
 def _is_enough(drafts: list[Draft]) -> bool:
     """Return whether a proposal is as good as can be.
 
-    Or two rounds were without a gain, and there is no heavy tail that counts.
+    Or two rounds were without a gain, it is not poor, and its weights are reliable.
     """
     shares = [draft.efficiency for draft in drafts]
     if shares[-1] > GOOD_SHARE:
         return True
     earlier = shares[:-2]  # the first may be good by chance
     settled = len(earlier) > 1 and max(shares[-2:]) < GAIN_OF_ROUND * max(earlier)
-    return settled and drafts[-1].reliable
+    last = drafts[-1]
+    return settled and last.reliable and last.acceptance > POOR_ACCEPTANCE
 
 
 def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]:
@@ -112,25 +112,22 @@ def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]
         yield mean, matrix
 
 
-def _refit(
-    archive: Archive,
-    core: Mixture,
-    dfs: tuple[float, ...],
-    coordinates: Sequence[NDArray[np.bool_] | None],
-) -> Mixture:
+def _refit(campaign: Campaign, poor: bool) -> Mixture:
     """Return the old mixture or a fit to the weighted draws, by Akaike's criterion.
 
     In each of the coordinates there are two fits, one with a component more, at the
     draw that costs the other one most. The tails are those of the largest effective
-    share.
+    share. A poor mixture is not kept: few draws weigh, and none would be enough.
     """
+    archive, dfs = campaign.archive, campaign.settings.dfs
+    core = campaign.proposal.core
     # Truncated, so that one draw where the mixture lacks mass does not outweigh all
     # others (Ionides 2008, doi:10.1198/106186008X320456).
     shares = np.minimum(archive.shares, len(archive.x) ** -0.5)
     use = shares > np.finfo(float).eps * shares.max()
     x, shares = archive.x[use], shares[use] / shares[use].sum()
-    candidates = [replace(core, df=df) for df in dfs]
-    for logs in coordinates:
+    candidates = [] if poor else [replace(core, df=df) for df in dfs]
+    for logs in campaign.coordinates:
         begin = core if logs is core.logs else core.seen_in(logs)
         fitted, _ = begin.improve(x, shares)
         costs = np.log(shares) + archive.log_p[use] - fitted.log_density(x)
