@@ -31,8 +31,6 @@ HELD_BY_TERMS = 0.08
 CARRIER_WEIGHT = 0.02
 # ln(p / q) above which such a draw counts: more than a good proposal leaves.
 CARRIER_LACK = 0.3
-# Ridge of the nearest component in the matrix of that for carriers.
-CARRIER_RIDGE = 0.3
 # Rounds of these.
 CARRYING_ROUNDS = 4
 
@@ -108,7 +106,7 @@ def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]
         nearest = np.argmin(plain.squared_distances(mean[None])[0])
         centred = x - mean
         matrix = (part * centred.T) @ centred
-        matrix += CARRIER_RIDGE * plain.matrices[nearest]
+        matrix += plain.matrices[nearest]
         yield mean, matrix
 
 

@@ -35,12 +35,7 @@ VALLEY = 0.5
 TESTED = 8
 # Share of the points of a search that may be spent on ways, each time.
 SHARE_TESTED = 0.1
-# Climbs from unexplained points at most. No search has reached so many.
-MOST_CLIMBS = 60
-# Solves of climbs from the prior by the points of a search, where derivatives make
-# climbs cheap.
-CLIMBED_SHARE = 0.5
-# How many of these climbs share their batches.
+# How many climbs from the prior share their batches.
 CLIMBED_AT_ONCE = 24
 # Ratio of the widths of two scans about the maxima, one wider than the other.
 SCAN_WIDENS = 2.0
@@ -82,7 +77,7 @@ def explore(campaign: Campaign) -> None:
             "their derivatives fail at every start; fix them, or use DEMCMove()"
         )
     if c.posterior.differentiable:
-        search.climb_from_prior(len(theta), CLIMBED_SHARE * size)
+        search.climb_from_prior(len(theta), size / 2)
     search.follow(size)
     most = c.evaluator.solves + SHARE_TESTED * size
     find_shoulders(
@@ -171,8 +166,6 @@ class _Exploration:
         tested = np.zeros(len(self.theta), dtype=bool)
         waiting: list[int] = []
         while fruitless < self.settings.fruitless:
-            if self.maxima.climbs - self.maxima.from_prior >= MOST_CLIMBS:
-                return
             if self.evaluator.solves > self.most:
                 return
             excess = self.maxima.excess(self.theta, self.heights)

@@ -18,17 +18,13 @@ from ..posterior.priors import inside, prior_centre, summarize_prior
 from ..table import Column, Parts, Report, Table, unit_column
 from .climbing import Maximum, climb, distinct
 from .first_solve import check_first_solve
-from .importance import GOOD_K, kish_share, pareto_k
+from .importance import FAIR_SHARE, FEWEST_WEIGHTS, GOOD_K, kish_share, pareto_k
 from .quadratic import moments_inside
 
-# Draws of a check at least; of fewer there is no Pareto k.
-FEWEST_CHECKED = 25
 # Maxima in the tables at most.
 SHOWN_MAXIMA = 4
 # Draws for each one that has to lie inside the bounds.
 TRIALS = 100
-# Effective share of the draws from which the posterior is close to the Gaussians.
-EFFECTIVE = 0.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -166,9 +162,9 @@ class FoundMap(Report):
             f"Pareto k {self.pareto_k:.2f}, {100 * self.efficiency:.0f} % effective, "
             f"of {self.draws} draws"
         )
-        if self.draws < FEWEST_CHECKED:
+        if self.draws < FEWEST_WEIGHTS:
             statistics = "less than 1 % of their draws are inside the bounds"
-        if not (self.pareto_k < GOOD_K and self.efficiency > EFFECTIVE):
+        if not (self.pareto_k < GOOD_K and self.efficiency > FAIR_SHARE):
             return (
                 f"The posterior is not Gaussian about them ({statistics}): take "
                 "neither standard deviations nor weights from here; sample it."
@@ -246,9 +242,9 @@ def find_map(
     ).spawn(2)
     points = _choose_starts(posterior, starts, for_starts)
     check = checks.whole_number("check", check)
-    if 0 < check < FEWEST_CHECKED:
+    if 0 < check < FEWEST_WEIGHTS:
         raise ValueError(
-            f"check: expected 0 or at least {FEWEST_CHECKED} draws, got {check}"
+            f"check: expected 0 or at least {FEWEST_WEIGHTS} draws, got {check}"
         )
     how = workers, pool, on_failure, max_failures
     with open_evaluator(posterior, {}, *how) as evaluation:

@@ -12,8 +12,6 @@ from .climbing import Maximum, distinct
 
 # Log evidence below the largest, from which a maximum gets no component.
 NEGLIGIBLE = 12.0
-# Degrees of freedom of the components at the maxima.
-FIRST_DF = 8.0
 
 
 class Gaussian(Protocol):
@@ -72,7 +70,6 @@ class Maxima:
             np.exp(evidences[kept] - logsumexp(evidences[kept])),
             np.array([parts[i].theta for i in kept]),
             np.array([parts[i].covariance for i in kept]),
-            FIRST_DF,
         )
 
     def excess(self, theta: Floats, heights: Floats) -> Floats:

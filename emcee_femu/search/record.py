@@ -329,7 +329,8 @@ class SearchRecord(Report):
         """Return the record that :meth:`to_json` wrote."""
         *lists, df, logs = [*record["mixture"], None][:5]  # in files of 0.5 no logs
         logs = None if logs is None else np.array(logs, dtype=bool)
-        mixture = Mixture(*map(np.array, lists), df, logs)
+        weights, means, matrices = map(np.array, lists)
+        mixture = Mixture(weights, means, matrices, df, logs)
         fields = {RENAMED.get(name, name): value for name, value in record.items()}
         return cls(**_as_arrays(fields | {"mixture": mixture}))
 

@@ -88,7 +88,7 @@ def _beside(evaluator: Evaluation, part: Gaussian) -> Floats:
     values, vectors = np.linalg.eigh(part.covariance / np.outer(scale, scale))
     steps = PROBED_AT * np.sqrt(np.maximum(values, 0.0)) * vectors * scale[:, None]
     both = part.theta + np.concatenate([steps.T, -steps.T])
-    return np.clip(both, *evaluator.posterior.prior.bounds.T)
+    return np.asarray(np.clip(both, *evaluator.posterior.prior.bounds.T))
 
 
 def _fit(evaluator: Evaluation, point: Floats, guess: Floats) -> Shoulder | None:

@@ -27,7 +27,7 @@ LAWS = {
     "Gaussian": stats.truncnorm(-1.3, 3.5, loc=1.5, scale=1.0),
 }
 NAMES = "abcdef"
-MEASURED = 1.0, 3 * 2**0.5, 2.0, 3.0  # Hz; the last two of the pair that is known
+MEASURED = 1.0, 3 * 2**0.5, 1.2, 1.5  # Hz; the last two of the pair that is known
 POINTS = 400  # of a quadrature, along each of two ways
 COLUMNS = {
     "parameters": "", "prior": "", "as": "", "runs": "", "converged": "",

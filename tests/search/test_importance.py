@@ -124,10 +124,8 @@ def test_a_response_that_is_a_polynomial_is_found_exactly(inferred):
     assert surface(-others).max() == -np.inf
 
 
-def test_polynomials_have_more_points_than_terms(monkeypatch):
+def test_polynomials_have_more_points_than_terms():
     """Though draws are out of bounds."""
-    # One fit more after the first, which is the one in question.
-    monkeypatch.setattr("emcee_femu.search.response_surface.SURFACE_ROUNDS", 1)
     prior = ef.IndependentPrior({"a": stats.lognorm(0.3), "b": stats.lognorm(0.4)})
     term = ef.FrequencyTerm([3.1, 5.2], relative_sd=0.02)
     posterior = ef.LogPosterior(Powers(), term, prior)
