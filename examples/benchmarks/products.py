@@ -92,7 +92,12 @@ def judge(d: int, law: str, percent: float, bare: bool, **options: int) -> Run:
     return compare(posterior_of(d, law, percent, bare), truth, None, **options)
 
 
-def main(seeds: int = 1, first: int = 0) -> Table:
+def main(
+    seeds: int = 1,
+    first: int = 0,
+    laws: tuple[str, ...] = tuple(LAWS),
+    percents: tuple[float, ...] = PERCENT,
+) -> Table:
     """Print and return the table; each row has a run for each error and seed."""
     numbers = range(first, first + seeds)
 
@@ -100,7 +105,7 @@ def main(seeds: int = 1, first: int = 0) -> Table:
         d, law, bare = case
         runs = [
             judge(d, law, percent, bare, seed=seed)
-            for percent in PERCENT
+            for percent in percents
             for seed in numbers
         ]
         good = [run for run in runs if run.converged]
@@ -111,7 +116,7 @@ def main(seeds: int = 1, first: int = 0) -> Table:
             sum(run.wrong for run in good), worst, np.median(solves), max(solves),
         )  # fmt: skip
 
-    cases = itertools.product((4, 6), LAWS, (False, True))
+    cases = itertools.product((4, 6), laws, (False, True))
     return tabulate("Data that know products", COLUMNS, map(row, cases))
 
 
