@@ -4,7 +4,7 @@ Three stages: ``adapt`` refines the core, ``carry`` adds components where few dr
 carry the variance of a parameter, and ``judge`` draws anew to judge the proposal.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,10 @@ from ..contracts import Floats
 from ..moves.mixture import Mixture
 from .archive import Archive, Draft
 from .campaign import POOR_ACCEPTANCE, Campaign
+from .climbing import Maximum
+from .maxima import NEGLIGIBLE
 from .proposal import CARRIER, Component, Proposal, add_components
+from .shoulders import UNEXPLAINED
 
 # Rounds of a refinement at most.
 REFINING_ROUNDS = 12
@@ -38,21 +41,49 @@ CARRYING_ROUNDS = 4
 def adapt(campaign: Campaign) -> None:
     """Refine the core of the proposal in rounds of drawing, weighting and fitting."""
     c, archive, drafts = campaign, campaign.archive, list[Draft]()
+    spent, restored = 0, list[Maximum]()
     for number in range(REFINING_ROUNDS):
         size = c.sizes.batch * max(2, number) // 2  # later rounds have more draws
         draft = Draft(c.proposal, *c.draw(c.proposal.law, size))
         archive.add(draft.theta, draft.rows, c.proposal.law)
         drafts.append(draft)
-        spent = sum(len(past.theta) for past in drafts)
-        if not len(archive.x) or spent >= c.sizes.refined:
+        spent += len(draft.theta)
+        if not len(archive.x):
             break
-        if _is_enough(drafts):
+        enough = spent >= c.sizes.refined or _is_enough(drafts)
+        lost = _find_lost(c, restored) if enough else []
+        if enough and not lost:
             break
         if number + 1 < REFINING_ROUNDS:
-            core = _refit(c, draft.acceptance < POOR_ACCEPTANCE)
+            core = _refit(c)
+            if lost:  # as many draws again, if it takes so many
+                core = add_components(core, [_at_maximum(core, top) for top in lost])
+                drafts, spent, restored = [], 0, restored + lost
             c.proposal = Proposal.fitted(core)
     if np.isnan(c.first_share):
         c.first_share = archive.effective_share(c.proposal.law)
+
+
+def _find_lost(campaign: Campaign, restored: Sequence[Maximum]) -> list[Maximum]:
+    """Return maxima at whose tops the proposal is too low, if not restored before."""
+    c, law, maxima = campaign, campaign.proposal.law, campaign.maxima
+    return [
+        top
+        for top in maxima.found
+        if top.log_evidence > maxima.log_evidence - NEGLIGIBLE
+        and top.log_posterior - c.archive.log_evidence
+        > UNEXPLAINED + law.log_density(top.theta[None])[0]
+        and not any(top is other for other in restored)
+    ]
+
+
+def _at_maximum(core: Mixture, top: Maximum) -> Component:
+    """Return a component at a maximum, no wider than the one nearest to it."""
+    alone = Mixture(np.ones(1), top.theta[None], top.covariance[None], core.df)
+    alone = alone.seen_in(core.logs)
+    near = core.matrices[np.argmin(core.squared_distances(top.theta[None])[0])]
+    matrix = min(near, alone.matrices[0], key=np.linalg.det)
+    return Component(NEW_WEIGHT, alone.means[0], matrix)
 
 
 def carry(campaign: Campaign) -> None:
@@ -110,12 +141,12 @@ def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]
         yield mean, matrix
 
 
-def _refit(campaign: Campaign, poor: bool) -> Mixture:
+def _refit(campaign: Campaign) -> Mixture:
     """Return the old mixture or a fit to the weighted draws, by Akaike's criterion.
 
     In each of the coordinates there are two fits, one with a component more, at the
     draw that costs the other one most. The tails are those of the largest effective
-    share. A poor mixture is not kept: few draws weigh, and none would be enough.
+    share.
     """
     archive, dfs = campaign.archive, campaign.settings.dfs
     core = campaign.proposal.core
@@ -124,15 +155,12 @@ def _refit(campaign: Campaign, poor: bool) -> Mixture:
     shares = np.minimum(archive.shares, len(archive.x) ** -0.5)
     use = shares > np.finfo(float).eps * shares.max()
     x, shares = archive.x[use], shares[use] / shares[use].sum()
-    candidates = [] if poor else [replace(core, df=df) for df in dfs]
+    candidates = [replace(core, df=df) for df in dfs]
     for logs in campaign.coordinates:
         begin = core if logs is core.logs else core.seen_in(logs)
         fitted, _ = begin.improve(x, shares)
         costs = np.log(shares) + archive.log_p[use] - fitted.log_density(x)
-        place = x[[np.argmax(costs)]]
-        nearest = np.argmin(fitted.squared_distances(place)[0])
-        (mean,) = fitted.coordinates(place)
-        added = Component(NEW_WEIGHT, mean, fitted.matrices[nearest])
+        added = _component_at(int(np.argmax(costs)), x, shares, fitted)
         larger, _ = add_components(fitted, [added]).improve(x, shares)
         candidates += [fitted, larger]
     size, d = 1.0 / np.sum(shares**2), x.shape[1]
@@ -143,8 +171,36 @@ def _refit(campaign: Campaign, poor: bool) -> Mixture:
         free = 0.0 if mixture.means is core.means else parameters
         return float(size * (shares @ mixture.log_density(x)) - free)
 
+    def share(mixture: Mixture) -> float:
+        return archive.effective_share(Proposal.fitted(mixture).law)
+
     chosen = max(candidates, key=gain)
-    return max(
-        (replace(chosen, df=df) for df in dfs),
-        key=lambda mixture: archive.effective_share(Proposal.fitted(mixture).law),
-    )
+    best = max((replace(chosen, df=df) for df in dfs), key=share)
+    if share(best) > campaign.settings.bent:
+        return best
+    # Where few draws weigh, EM on weights that stress the largest brings the mixture
+    # nearer to its largest effective share, which these spoil most.
+    excess = archive.log_p[use] - chosen.log_density(x)
+    stressed = shares * np.exp(0.5 * (excess - excess.max()))
+    again, _ = chosen.improve(x, stressed / stressed.sum(), 10)
+    return max([best, *(replace(again, df=df) for df in dfs)], key=share)
+
+
+def _component_at(place: int, x: Floats, shares: Floats, fitted: Mixture) -> Component:
+    """Return a new component of a mixture, about one of the weighted draws.
+
+    Its matrix is that of the draws nearest to it, which hold as much as its weight, and
+    of the nearest component, as if one draw had said so.
+    """
+    seen, d = fitted.coordinates(x), x.shape[1]
+    centred = seen - seen[place]
+    nearest = np.argmin(fitted.squared_distances(x[[place]])[0])
+    distances = ((centred @ fitted.inverses[nearest].T) ** 2).sum(axis=1)
+    order = np.argsort(distances)
+    enough = int(np.searchsorted(np.cumsum(shares[order]), NEW_WEIGHT))
+    some = order[: max(enough, 3 * d)]
+    # Half by their weights, of which one may be all.
+    part = 0.5 * shares[some] / shares[some].sum() + 0.5 / len(some)
+    matrix = (part * centred[some].T) @ centred[some]
+    matrix += fitted.matrices[nearest] / len(some)
+    return Component(NEW_WEIGHT, seen[place], matrix)

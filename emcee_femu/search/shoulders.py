@@ -21,6 +21,8 @@ from .quadratic import log_integral, make_positive
 PROBED_AT = 3.0
 # Log-density beyond that of all Gaussians from which a point is unexplained.
 UNEXPLAINED = 2.0
+# Share of the evidence from which a shoulder is worth looking for another.
+SHOULDER_SHARE = 0.03
 
 
 class Shoulder(NamedTuple):
@@ -48,7 +50,7 @@ def find_shoulders(
     """Add shoulders to the maxima, where points beside these are not explained.
 
     From those points, and from all that were explored, it goes on with the highest that
-    is not explained, until so many in a row are no part of the posterior.
+    is not explained, until so many in a row hold little of the evidence.
 
     Args:
         evaluator: What evaluates.
@@ -72,11 +74,10 @@ def find_shoulders(
         highest = int(np.argmax(np.where(unexplained, heights, -np.inf)))
         shoulder = _fit(evaluator, points[highest], maxima.nearest(points[highest]))
         points, heights = (np.delete(x, highest, axis=0) for x in (points, heights))
-        if shoulder and shoulder.log_evidence > maxima.log_evidence - NEGLIGIBLE:
+        share = shoulder.log_evidence - maxima.log_evidence if shoulder else -np.inf
+        failed = 0 if share > np.log(SHOULDER_SHARE) else failed + 1
+        if shoulder and share > -NEGLIGIBLE:  # beside which others may be
             maxima.shoulders.append(shoulder)
-            failed = 0
-        else:
-            failed += 1
 
 
 def _beside(evaluator: Evaluation, part: Gaussian) -> Floats:
