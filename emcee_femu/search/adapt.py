@@ -41,24 +41,24 @@ CARRYING_ROUNDS = 4
 def adapt(campaign: Campaign) -> None:
     """Refine the core of the proposal in rounds of drawing, weighting and fitting."""
     c, archive, drafts = campaign, campaign.archive, list[Draft]()
-    spent, restored = 0, list[Maximum]()
+    most, restored = c.evaluator.solves + c.sizes.refined, list[Maximum]()
     for number in range(REFINING_ROUNDS):
         size = c.sizes.batch * max(2, number) // 2  # later rounds have more draws
         draft = Draft(c.proposal, *c.draw(c.proposal.law, size))
         archive.add(draft.theta, draft.rows, c.proposal.law)
         drafts.append(draft)
-        spent += len(draft.theta)
         if not len(archive.x):
             break
-        enough = spent >= c.sizes.refined or _is_enough(drafts)
+        enough = c.evaluator.solves >= most or _is_enough(drafts)
         lost = _find_lost(c, restored) if enough else []
         if enough and not lost:
             break
         if number + 1 < REFINING_ROUNDS:
             core = _refit(c)
-            if lost:  # as many draws again, if it takes so many
+            if lost:  # as many solves again, if it takes so many
                 core = add_components(core, [_at_maximum(core, top) for top in lost])
-                drafts, spent, restored = [], 0, restored + lost
+                drafts, restored = [], restored + lost
+                most = c.evaluator.solves + c.sizes.refined
             c.proposal = Proposal.fitted(core)
     if np.isnan(c.first_share):
         c.first_share = archive.effective_share(c.proposal.law)

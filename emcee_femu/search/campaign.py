@@ -38,7 +38,7 @@ class Sizes:
     Attributes:
         points: Points of the exploration.
         batch: Draws of one round of the refinement, at least.
-        refined: Draws after which no round of a refinement begins.
+        refined: Solves after which no round of a refinement begins.
         judged: Draws by which a proposal is judged.
     """
 
@@ -89,7 +89,7 @@ class Campaign:
     def __post_init__(self) -> None:
         """Begin with an empty archive."""
         self.archive = Archive(self.posterior.ndim)
-        self.maxima = Maxima(len(self.streams))
+        self.maxima = Maxima(len(self.streams), self.coordinates)
 
     @cached_property
     def coordinates(self) -> tuple[NDArray[np.bool_] | None, ...]:

@@ -95,7 +95,8 @@ def explore(campaign: Campaign) -> None:
         c.archive.add(*search.evaluate(drawn), mixture)
     search.follow(size)
     c.points = len(search.theta)
-    c.proposal = Proposal.fitted(c.maxima.mixture())
+    begins = [c.maxima.mixture().seen_in(logs) for logs in c.coordinates]
+    c.proposal = Proposal.fitted(max(begins, key=c.archive.effective_share))
 
 
 class _Exploration:

@@ -1,9 +1,11 @@
 """The maxima that a search has found, and who found them."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from ..contracts import Floats
@@ -35,6 +37,8 @@ class Maxima:
 
     Args:
         ensembles: How many ensembles search.
+        coordinates: In which Gaussians may be: which parameters are seen by their
+            logarithms, ``(d,)``, or None for none.
 
     Attributes:
         found: The maxima, in the order in which they were found.
@@ -44,12 +48,16 @@ class Maxima:
         from_prior: How many of them began at a draw of the prior, whatever its height.
     """
 
-    def __init__(self, ensembles: int) -> None:
+    def __init__(
+        self,
+        ensembles: int,
+        coordinates: Sequence[NDArray[np.bool_] | None] = (None,),
+    ) -> None:
         self.found: list[Maximum] = []
         self.found_by: list[list[int]] = []
         self.shoulders: list[Gaussian] = []
         self.climbs = self.from_prior = 0
-        self._ensembles = ensembles
+        self._ensembles, self._coordinates = ensembles, coordinates
 
     @property
     def log_evidence(self) -> float:
@@ -73,9 +81,15 @@ class Maxima:
         )
 
     def excess(self, theta: Floats, heights: Floats) -> Floats:
-        """Return the log-posteriors ``(n,)`` beyond those of Gaussians at the parts."""
-        explained = replace(self.mixture(), df=GAUSSIAN).log_density(theta)
-        return np.asarray(heights - self.log_evidence - explained)
+        """Return the log-posteriors ``(n,)`` beyond those of Gaussians at the parts.
+
+        In whichever coordinates these explain more.
+        """
+        gaussians = replace(self.mixture(), df=GAUSSIAN)
+        explained = [
+            gaussians.seen_in(logs).log_density(theta) for logs in self._coordinates
+        ]
+        return np.asarray(heights - self.log_evidence - np.max(explained, axis=0))
 
     def nearest(self, theta: Floats) -> Floats:
         """Return the scale matrix of the component that a point is nearest to."""
