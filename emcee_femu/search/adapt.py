@@ -14,9 +14,8 @@ from ..moves.mixture import Mixture
 from .archive import Archive, Draft
 from .campaign import POOR_ACCEPTANCE, Campaign
 from .climbing import Maximum
-from .maxima import NEGLIGIBLE
+from .maxima import NEGLIGIBLE, WORTH_SOLVES
 from .proposal import CARRIER, Component, Proposal, add_components
-from .shoulders import UNEXPLAINED
 
 # Rounds of a refinement at most.
 REFINING_ROUNDS = 12
@@ -34,6 +33,8 @@ HELD_BY_TERMS = 0.08
 CARRIER_WEIGHT = 0.02
 # ln(p / q) above which such a draw counts: more than a good proposal leaves.
 CARRIER_LACK = 0.3
+# Ridge of the nearest component in the matrix of that for carriers.
+CARRIER_RIDGE = 0.3
 # Rounds of these.
 CARRYING_ROUNDS = 4
 
@@ -65,14 +66,14 @@ def adapt(campaign: Campaign) -> None:
 
 
 def _find_lost(campaign: Campaign, restored: Sequence[Maximum]) -> list[Maximum]:
-    """Return maxima at whose tops the proposal is too low, if not restored before."""
+    """Return maxima that the proposal never reaches, if not restored before."""
     c, law, maxima = campaign, campaign.proposal.law, campaign.maxima
     return [
         top
         for top in maxima.found
-        if top.log_evidence > maxima.log_evidence - NEGLIGIBLE
+        if top.log_evidence > maxima.log_evidence + np.log(WORTH_SOLVES)
         and top.log_posterior - c.archive.log_evidence
-        > UNEXPLAINED + law.log_density(top.theta[None])[0]
+        > NEGLIGIBLE + law.log_density(top.theta[None])[0]
         and not any(top is other for other in restored)
     ]
 
@@ -137,7 +138,7 @@ def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]
         nearest = np.argmin(plain.squared_distances(mean[None])[0])
         centred = x - mean
         matrix = (part * centred.T) @ centred
-        matrix += plain.matrices[nearest]
+        matrix += CARRIER_RIDGE * plain.matrices[nearest]
         yield mean, matrix
 
 

@@ -14,15 +14,13 @@ from ..evaluation.evaluator import Evaluation
 from ..posterior.log_posterior import LOG_POSTERIOR
 from .coordinates import Coordinates
 from .curvature import Space
-from .maxima import NEGLIGIBLE, Gaussian, Maxima
+from .maxima import NEGLIGIBLE, WORTH_SOLVES, Gaussian, Maxima
 from .quadratic import log_integral, make_positive
 
 # Standard deviations from a maximum at which its Gaussian is compared with the density.
 PROBED_AT = 3.0
 # Log-density beyond that of all Gaussians from which a point is unexplained.
 UNEXPLAINED = 2.0
-# Share of the evidence from which a shoulder is worth looking for another.
-SHOULDER_SHARE = 0.03
 
 
 class Shoulder(NamedTuple):
@@ -75,7 +73,7 @@ def find_shoulders(
         shoulder = _fit(evaluator, points[highest], maxima.nearest(points[highest]))
         points, heights = (np.delete(x, highest, axis=0) for x in (points, heights))
         share = shoulder.log_evidence - maxima.log_evidence if shoulder else -np.inf
-        failed = 0 if share > np.log(SHOULDER_SHARE) else failed + 1
+        failed = 0 if share > np.log(WORTH_SOLVES) else failed + 1
         if shoulder and share > -NEGLIGIBLE:  # beside which others may be
             maxima.shoulders.append(shoulder)
 
