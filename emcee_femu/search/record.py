@@ -196,8 +196,8 @@ class SearchRecord(Report):
     or several that overlap.
 
     Attributes:
-        mixture: The frozen proposal; its defensive components cover the others.
-        maximum_of: The maximum of each component, -1 for defensive ones.
+        mixture: The frozen proposal; its defensive component covers the others.
+        maximum_of: The maximum of each component, -1 for the defensive one.
         weights: Each maximum's share of the posterior by importance sampling; NaN if
             unknown.
         errors: Standard errors of the weights.
