@@ -12,7 +12,7 @@ import numpy as np
 from ..contracts import Floats
 from ..moves.mixture import Mixture
 from .archive import Archive, Draft
-from .campaign import POOR_ACCEPTANCE, Campaign
+from .campaign import Campaign
 from .climbing import Maximum
 from .maxima import NEGLIGIBLE, WORTH_SOLVES
 from .proposal import CARRIER, Component, Proposal, add_components
@@ -21,6 +21,10 @@ from .proposal import CARRIER, Component, Proposal, add_components
 REFINING_ROUNDS = 12
 # Effective share of a round's draws that ends the refinement.
 GOOD_SHARE = 0.9
+# Effective share from which a heavy tail of the weights counts little.
+HIGH_SHARE = 0.8
+# Pareto k of a tail that is not heavy.
+FAIR_K = 0.4
 # Gain of the effective share, as a ratio, that two rounds without end the refinement.
 GAIN_OF_ROUND = 1.05
 # Weight of a new component.
@@ -109,15 +113,14 @@ def judge(campaign: Campaign) -> None:
 def _is_enough(drafts: list[Draft]) -> bool:
     """Return whether a proposal is as good as can be.
 
-    Or two rounds were without a gain, it is not poor, and its weights are reliable.
+    Or two rounds were without a gain, and there is no heavy tail that counts.
     """
     shares = [draft.efficiency for draft in drafts]
     if shares[-1] > GOOD_SHARE:
         return True
     earlier = shares[:-2]  # the first may be good by chance
     settled = len(earlier) > 1 and max(shares[-2:]) < GAIN_OF_ROUND * max(earlier)
-    last = drafts[-1]
-    return settled and last.reliable and last.acceptance > POOR_ACCEPTANCE
+    return settled and (drafts[-1].pareto_k < FAIR_K or shares[-1] > HIGH_SHARE)
 
 
 def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]:
