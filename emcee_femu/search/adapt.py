@@ -180,10 +180,11 @@ def _refit(campaign: Campaign) -> Mixture:
 
     chosen = max(candidates, key=gain)
     best = max((replace(chosen, df=df) for df in dfs), key=share)
-    if share(best) > campaign.settings.bent:
+    # In many dimensions a fit looks better by its own draws than it is.
+    if chosen.means is core.means and share(best) > HIGH_SHARE:
         return best
-    # Where few draws weigh, EM on weights that stress the largest brings the mixture
-    # nearer to its largest effective share, which these spoil most.
+    # EM on weights that stress the largest brings the mixture nearer to its largest
+    # effective share, which these spoil most.
     excess = archive.log_p[use] - chosen.log_density(x)
     stressed = shares * np.exp(0.5 * (excess - excess.max()))
     again, _ = chosen.improve(x, stressed / stressed.sum(), 10)

@@ -53,8 +53,8 @@ def test_hamiltonian():
 
 
 @pytest.mark.slow
-def test_products_are_known_and_so_are_their_members():
-    """Where data say a product alone, as a model and as a bare density."""
+def test_products():
+    """Data that say a product alone, as a model and as a bare density."""
     table = load("benchmarks/products").main(1, 3, ("uniform",), (1.0,))
     assert table.column("converged") == [1] * 4 and not any(table.column("wrong"))
     assert max(table.column("most")) < 40_000  # in the parameters themselves 200,000
