@@ -92,15 +92,18 @@ class Proposal:
     def separate(self) -> Labels:
         """Return the maximum of each component of the law; of several that overlap one.
 
-        The defensive component belongs to none.
+        A carrier may span several maxima: it belongs to that of the nearest other
+        component, and joins none. The defensive component belongs to none.
         """
         means, matrices = self.core.means, self.core.matrices
         apart, sums = means[:, None] - means, matrices[:, None] + matrices
         solved = np.linalg.solve(sums, apart[..., None]).squeeze(-1)
-        near = np.einsum("ijd,ijd->ij", apart, solved) < MAXIMA_APART
+        squares = np.einsum("ijd,ijd->ij", apart, solved)
+        local = np.flatnonzero(self.kinds != CARRIER)
+        joined = squares[np.ix_(local, local)] < MAXIMA_APART
+        groups = connected_components(joined, directed=False)[1]
         labels = np.full(len(self.law_kinds), NO_MAXIMUM, dtype=np.intp)
-        owned = self.law_kinds != DEFENSIVE
-        labels[owned] = connected_components(near, directed=False)[1]
+        labels[self.law_kinds != DEFENSIVE] = groups[squares[:, local].argmin(axis=1)]
         return labels
 
 
