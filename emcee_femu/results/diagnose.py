@@ -10,6 +10,7 @@ from scipy import stats
 
 from ..posterior.log_posterior import LogPosterior
 from ..search.first_solve import doubt_units, is_constant, same_response
+from ..search.maxima import HITS
 from ..search.record import Chains
 from ..verdict.statistics import MaximaWeights
 from ..verdict.verdict import (
@@ -28,7 +29,6 @@ from .identifiability import describe_samples
 from .measured import read_measured
 from .to_arviz import read_samples
 
-HITS = 3  # expected, of which none comes once in twenty times
 # Weights are equal within two standard errors, if these are so small.
 EQUAL_WITHIN, ERROR_OF_EQUAL = 2.0, 0.02
 ENOUGH_PREDICTED = 4_000  # samples

@@ -19,6 +19,7 @@ from ..table import Column, Parts, Report, Table, unit_column
 from .climbing import Maximum, climb, distinct
 from .first_solve import check_first_solve
 from .importance import FAIR_SHARE, FEWEST_WEIGHTS, GOOD_K, kish_share, pareto_k
+from .maxima import HITS
 from .quadratic import moments_inside
 
 # Maxima in the tables at most.
@@ -43,6 +44,7 @@ class FoundMap(Report):
         pareto_k: Pareto k of their importance weights; NaN without a check.
         efficiency: Effective share of the weights (Kish); NaN without a check.
         printed: Whether the solver returns numbers with few digits, as if printed.
+        from_prior: How many climbs began at draws of the prior.
     """
 
     posterior: LogPosterior
@@ -55,6 +57,7 @@ class FoundMap(Report):
     pareto_k: float = np.nan
     efficiency: float = np.nan
     printed: bool = False
+    from_prior: int = 0
 
     def draw(self, n: int, seed: int) -> Floats:
         """Return draws ``(n, d)`` of the Gaussians, by weight, inside the bounds.
@@ -137,6 +140,12 @@ class FoundMap(Report):
             f"A start and a quick look: {k} maxim{'a' if k > 1 else 'um'} from {n} "
             f"climb{'s' if n > 1 else ''} and {self.solves} solves."
         ]
+        few = self.from_prior // HITS
+        sentences.append(
+            f"A maximum at which fewer than one climb in {few} ends may be missing."
+            if few > 1
+            else "Others may be missing: so few starts of the prior do not tell."
+        )
         if k > SHOWN_MAXIMA:
             sentences.append(f"{k - SHOWN_MAXIMA} of smaller weight are not shown.")
         for reason, count in Counter(self.lost).items():
@@ -282,6 +291,7 @@ def find_map(
         pareto_k=k,
         efficiency=share,
         printed=is_printed(posterior, np.array([end.row for end in ends])),
+        from_prior=0 if np.iterable(starts) else len(points),
     )
 
 

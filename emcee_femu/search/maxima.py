@@ -14,6 +14,8 @@ from .climbing import Maximum, distinct
 
 # Log evidence below the largest, from which a maximum gets no component.
 NEGLIGIBLE = 12.0
+# Hits expected, of which none comes once in twenty times.
+HITS = 3
 # Share of the evidence from which a part is worth solves of its own.
 WORTH_SOLVES = 0.03
 

@@ -64,7 +64,7 @@ def test_draws_that_carry_a_variance_get_a_component():
 
 
 def test_a_maximum_that_a_climb_found_is_not_lost():
-    """Of two equal Gaussians the proposal has one, and no draw of it meets the other."""
+    """Of two equal Gaussians a proposal has one, and no draw of it meets the other."""
     centres = np.array([[0.0, 0.0], [FAR, 0.0]])
 
     def equal(x):
