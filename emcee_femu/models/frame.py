@@ -21,8 +21,8 @@ from .. import checks
 from ..contracts import Floats
 from .coefficients import Product, Unit
 from .geometry import Geometry
-from .inputs import Dofs
 from .matrix import AffineModel
+from .sensors import Dofs
 
 DOFS = ("ux", "uy", "uz", "rx", "ry", "rz")
 AXIAL, TORSION = [0, 6], [3, 9]
@@ -163,7 +163,9 @@ class FrameModel(AffineModel):
         skip: Number of rigid-body modes, checked at each solve (6 for free-free).
         shapes: Whether to return mass-normalised mode shapes too; or the DOFs at which
             to return them, in the given order. A DOF is named by node and direction,
-            such as ``"3:uy"``; ``model.dofs`` lists the free ones.
+            such as ``"3:uy"``; ``model.dofs`` lists the free ones. Sensors by name are
+            ``{"roof": "3:uy"}``, and of several DOFs ``{"skew": {"3:ux": 0.6, "3:uy":
+            0.8}}``: a strain gauge, or a difference of two points, is one of these.
 
     Raises:
         TypeError: If not exactly one of n_modes and modes is given, or an argument is
@@ -234,6 +236,23 @@ class FrameModel(AffineModel):
         self.bounds = dict.fromkeys(self.names, (0.0, np.inf))
         lines = [(first, second) for first, second, *_ in bars]
         self.geometry = Geometry(dict(enumerate(points)), lines)
+        self._place_sensors(self.geometry)
+
+    def _place_sensors(self, geometry: Geometry) -> None:
+        """Add sensors that combine DOFs of one node, and name those that do not."""
+        if self.sensors.factors is None:
+            return
+        for i, label in enumerate(self.sensors.labels):
+            parts, along = self.sensors.combination(i), np.zeros(3)
+            nodes, axes = zip(
+                *(str(self.dofs[row]).split(":") for row in parts), strict=True
+            )
+            if len({*nodes}) == 1 and {*axes} <= {*DOFS[:3]}:
+                along[[DOFS.index(axis) for axis in axes]] = [*parts.values()]
+                # Not of unit length: what it measures is its product with the motion.
+                geometry.sensors[label] = int(nodes[0]), along
+            else:
+                geometry.undrawn.add(label)
 
 
 def _read_property(label: str, value: Property, zero: bool = False) -> Scale:
@@ -274,7 +293,7 @@ def _add_up(pieces: list[Floats], free: Indices, size: int) -> csc_array:
 
 
 def _touched(K: Pieces, M: Pieces, size: int) -> NDArray[np.bool_]:
-    """Return which DOFs have an entry: rotations have none where bars of trusses meet."""
+    """Return which DOFs have an entry: rotations in trusses have none."""
     touched = np.zeros(size, dtype=bool)
     for pieces in (*K.values(), *M.values()):
         rows, _, entries = np.hstack(pieces)
