@@ -200,9 +200,12 @@ def text(argument: str, value: object) -> str:
 
 
 def units_by_name(argument: str, units: object, names: Sequence[str]) -> dict[str, str]:
-    """Return the units of some of ``names``, none for None."""
+    """Return the units of some of ``names``: None is of none, ``""`` no unit."""
     by = {} if units is None else by_name(argument, units, names)
-    return {name: text(f"{argument}[{name!r}]", unit) for name, unit in by.items()}
+    return {
+        name: "" if unit == "" else text(f"{argument}[{name!r}]", unit)
+        for name, unit in by.items()
+    }
 
 
 def file_name(argument: str, value: object) -> str | PathLike[str]:

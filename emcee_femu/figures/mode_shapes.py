@@ -152,7 +152,8 @@ def _displace(modes: ModeShapes, geometry: Geometry, i: int) -> list[Moves]:
     unknown = [
         dof
         for dof in values
-        if geometry.locate(dof) is None and not is_rotation(dof)  # these move no node
+        if geometry.locate(dof) is None
+        and not (is_rotation(dof) or dof in geometry.undrawn)  # these move no node
     ]
     moves = _move_nodes(geometry, values)
     if not moves or {*unknown} & {*sensors}:

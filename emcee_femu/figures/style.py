@@ -72,7 +72,7 @@ def scale_axes(
     ordinary = (sizes >= 1e-2) & (sizes < 1e5)
     exponents = np.where(ordinary, 0, np.floor(np.log10(sizes))).astype(int)
     labels = [
-        label_axis(name, units.get(name) or unit_of(idata, name), exponent)
+        label_axis(name, units.get(name, unit_of(idata, name)), exponent)
         for name, exponent in zip(names, exponents, strict=True)
     ]
     prior = prior_constants(idata, names)

@@ -108,6 +108,14 @@ def read_pyoma2(
     if any(value.shape[-1:] != hertz.shape for value in fields.values()):
         return fields  # Measurements says what does not fit
     order = _choose_modes(hertz, numbers, ["result.Fn: "] * len(hertz))
+    sd = fields.get("sd", np.ones(len(hertz))).real
+    if zero := [i + 1 for i in sorted(order.tolist()) if sd[i] == 0]:
+        good = [i + 1 for i in sorted(order.tolist()) if sd[i] != 0]
+        raise ValueError(
+            f"result.Fn_std: expected numbers above zero, but modes {zero} have 0, "
+            f"which pyOMA2 writes where it found no uncertainty; read others, modes="
+            f"{good}, or set result.Fn_std = None and give FrequencyTerm relative_sd"
+        )
     return {field: value[..., order] for field, value in fields.items()}
 
 

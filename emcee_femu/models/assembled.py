@@ -20,7 +20,8 @@ from ..contracts import (
 )
 from .eigen_dense import Eigenproblem, Modes, Wanted, join
 from .eigen_sparse import DenseProblem, SparseEigenproblem
-from .inputs import Dofs, Matrix, choose_dofs, read_batch, read_matrix
+from .inputs import Matrix, read_batch, read_matrix
+from .sensors import Dofs, choose_sensors
 
 MATRIX_STEP = 1e-4  # of a parameter's value: matrices are then known to some 1e-8
 UNBOUNDED_DOFS = 10**9  # DOFs, before it is known how many there are
@@ -47,7 +48,7 @@ class AssembledModel:
         n_modes: Number of elastic modes to return.
         skip: Number of rigid-body modes below them, checked at each solve.
         shapes: The DOFs at which to return mass-normalised mode shapes, in the given
-            order, or ``{label: DOF}``; False for no shapes.
+            order, or ``{label: DOF}``, or ``{label: {DOF: factor}}``; False for none.
 
     Raises:
         TypeError: If assemble is not callable, or shapes is True (the number of DOFs is
@@ -88,9 +89,9 @@ class AssembledModel:
                 "shapes: expected DOFs, or {label: DOF}, got True; how many DOFs there "
                 "are is not known before the first solve"
             )
-        dofs = choose_dofs("shapes", shapes, range(UNBOUNDED_DOFS))
-        self.shape_dofs = tuple(dofs.values())
-        self.variables = modal_variables(self.n_modes, tuple(dofs))
+        self.sensors = choose_sensors("shapes", shapes, range(UNBOUNDED_DOFS))
+        self.shape_dofs = self.sensors.rows
+        self.variables = modal_variables(self.n_modes, self.sensors.labels)
         self._output: Floats | None = None  # of a basis, at these DOFs
 
     __repr__ = show_declared
@@ -122,7 +123,7 @@ class AssembledModel:
         sparse = issparse(pair[0])
         K = read_matrix("assemble: K", pair[0], sparse=sparse)
         size = K.shape[0]
-        last = max(self.shape_dofs, default=0) if self._output is None else 0
+        last = max(self.sensors.rows, default=0) if self._output is None else 0
         if last >= size or self.skip + self.n_modes > size:
             raise ValueError(
                 f"assemble: expected matrices with DOF {last} of shapes, and at least "
@@ -139,7 +140,7 @@ class AssembledModel:
         """
         small = copy(self)
         small.assemble = partial(_project, self, V, added)
-        small._output = V[list(self.shape_dofs)]
+        small._output = self.sensors.of(V)
         return small
 
     def _solve(self, parameters: Parameters, by: tuple[str, ...]) -> Modes:
@@ -162,7 +163,7 @@ class AssembledModel:
                 units.append((high - low) / (2 * step))
         label = f"the mass matrix at {row}"
         problem: SparseEigenproblem | DenseProblem | Eigenproblem
-        wanted = Wanted(self.modes, self.skip, self.shape_dofs)
+        wanted = Wanted(self.modes, self.skip, self.sensors)
         if self._output is None:
             kind = SparseEigenproblem if issparse(K[0]) else DenseProblem
             problem = kind(K, M, wanted, label)

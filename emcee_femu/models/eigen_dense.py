@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from ..contracts import Derivatives, Floats, ModalSolution, RepeatedModes
 from .inputs import Matrix, Weights, Where
+from .sensors import Sensors
 
 EPS = float(np.finfo(float).eps)
 RIGID_RATIO = 1e-4  # a rigid-body eigenvalue is below this share of the next one
@@ -48,12 +49,12 @@ class Wanted(NamedTuple):
     Attributes:
         modes: Which elastic modes, 1 = the lowest, ascending.
         skip: Number of rigid-body modes below them, checked at each solve.
-        dofs: Where mass-normalised shapes are wanted; empty for none.
+        sensors: What is wanted of mass-normalised shapes.
     """
 
     modes: Sequence[int]
     skip: int
-    dofs: Sequence[int]
+    sensors: Sensors
 
 
 class Eigenproblem:

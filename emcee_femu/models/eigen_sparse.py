@@ -117,7 +117,7 @@ class SparseEigenproblem:
     def __init__(self, K: Parts, M: Parts, wanted: Wanted, label: str = "M0") -> None:
         self.K, self.M = (tuple(map(csc_array, part)) for part in (K, M))
         self.skip, self.modes = wanted.skip, np.array(wanted.modes)
-        self.dofs = np.array(wanted.dofs, dtype=np.intp)
+        self.sensors = wanted.sensors
         self.stiffness, self.mass = SparseSum(self.K), SparseSum(self.M)
         if len(M) == 1:
             check_mass(self.M[0], label)
@@ -131,10 +131,10 @@ class SparseEigenproblem:
         Whether the last mode coincides with one above it is seen only where shapes are
         wanted.
         """
-        (k, m), count, dofs = weights, int(self.modes[-1]), self.dofs
-        n = len(k)
+        (k, m), count = weights, int(self.modes[-1])
+        n, size = len(k), len(self.sensors.labels)
         frequencies = np.empty((n, count))
-        shapes = np.empty((n, len(dofs), count))
+        shapes = np.empty((n, size, count))
         changes = np.empty((len(slopes), n, count))
         turns = np.empty((len(slopes), *shapes.shape))
         for i in range(n):
@@ -143,7 +143,8 @@ class SparseEigenproblem:
                 check_mass(M, f"the mass matrix at {where}")
             values, phi = lowest_modes(K, M, self.skip + count, self.skip, where)
             modes = values[self.skip :], phi[:, self.skip :]
-            frequencies[i], shapes[i] = np.sqrt(modes[0]) / (2 * np.pi), modes[1][dofs]
+            frequencies[i] = np.sqrt(modes[0]) / (2 * np.pi)
+            shapes[i] = self.sensors.of(modes[1])
             if slopes:
                 at = at_row(slopes, i)
                 changes[:, i], turns[:, i] = self._differentiate(K, M, modes, at, where)
@@ -152,9 +153,9 @@ class SparseEigenproblem:
             each[..., self.modes - 1] for each in (frequencies, shapes, changes, turns)
         )
         derivatives = {"frequency": dict(zip(slopes, changes, strict=True))}
-        if len(dofs):
+        if size:
             derivatives["shapes"] = dict(zip(slopes, turns, strict=True))
-        return ModalSolution(frequencies, shapes if len(dofs) else None), derivatives
+        return ModalSolution(frequencies, shapes if size else None), derivatives
 
     def _differentiate(
         self, K: csc_array, M: csc_array, modes: Pairs, slopes: Slopes, where: str
@@ -163,7 +164,7 @@ class SparseEigenproblem:
 
         Of one parameter set, with its K and M; modes that coincide are one cluster.
         """
-        (eigenvalues, shapes), dofs = modes, self.dofs
+        (eigenvalues, shapes), sensors = modes, self.sensors
         units = [*self.K[1:], *self.M[1:]]
         weights = [np.concatenate(part) for part in zip(*slopes.values(), strict=True)]
         size = np.abs(shapes)
@@ -171,7 +172,7 @@ class SparseEigenproblem:
         least = np.maximum(REPEATED * eigenvalues, rounding)
         ends = np.flatnonzero(np.diff(eigenvalues) > least[1:]) + 1
         changes = np.empty((len(slopes), len(eigenvalues)))
-        turns = np.empty((len(slopes), len(dofs), len(eigenvalues)))
+        turns = np.empty((len(slopes), len(sensors.labels), len(eigenvalues)))
         for cluster in np.split(np.arange(len(eigenvalues)), ends):
             phi, eigenvalue = shapes[:, cluster], float(eigenvalues[cluster].mean())
             first = int(cluster[0]) + 1
@@ -183,7 +184,7 @@ class SparseEigenproblem:
             force = elastic - eigenvalue * inertia
             H = phi.T @ force
             changes[:, cluster] = np.diagonal(H, axis1=1, axis2=2)
-            if len(dofs):
+            if sensors.labels:
                 right = M @ phi @ H - force
                 shifted = csc_array(K - eigenvalue * M)
                 x, gap = _solve_held(shifted, K, M, phi, right)
@@ -195,7 +196,8 @@ class SparseEigenproblem:
                         + f"; ask for n_modes={last + 1}"
                         * (last == len(eigenvalues))
                     )
-                turns[:, :, cluster] = x[:, dofs] - 0.5 * phi[dofs] @ (phi.T @ inertia)
+                turn = x - 0.5 * phi @ (phi.T @ inertia)
+                turns[:, :, cluster] = sensors.of(turn)
         return changes, turns
 
 
@@ -211,7 +213,7 @@ class DenseProblem:
 
     def __init__(self, K: Parts, M: Parts, wanted: Wanted, label: str = "M0") -> None:
         self._given, parts = (K, M, wanted, label), (np.array(K), np.array(M))
-        output = np.eye(K[0].shape[0])[list(wanted.dofs)]
+        output = wanted.sensors.of(np.eye(K[0].shape[0]))
         self._dense = Eigenproblem(*parts, wanted, output, label)
         self.stiffness, self.mass = self._dense.stiffness, self._dense.mass
         self._diagonals = [A.diagonal(axis1=1, axis2=2) for A in parts]

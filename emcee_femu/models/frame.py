@@ -9,7 +9,7 @@ rotary inertia of bending).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -21,11 +21,12 @@ from .. import checks
 from ..contracts import Floats
 from .coefficients import Product, Unit
 from .geometry import Geometry
-from .inputs import Dofs
 from .matrix import AffineModel
+from .sensors import Dofs
 
 DOFS = ("ux", "uy", "uz", "rx", "ry", "rz")
 AXIAL, TORSION = [0, 6], [3, 9]
+ACROSS_Y, ACROSS_Z = [1, 7], [2, 8]
 BENDING_Y = [1, 5, 7, 11]  # displacement uy, rotation rz = +d uy / dx; resisted by Iz
 BENDING_Z = [2, 4, 8, 10]  # displacement uz, rotation ry = -d uz / dx; resisted by Iy
 ROTATION_SIGNS = np.outer([1.0, -1.0, 1.0, -1.0], [1.0, -1.0, 1.0, -1.0])
@@ -42,6 +43,8 @@ UNIT_SWUNG = np.array(
 )
 UNIT_SWUNG /= 420
 
+# Properties that may be zero, as those of a bar in a truss: it has no stiffness there.
+MAY_BE_ZERO = ("GJ", "Iy", "Iz")
 MOST_DENSE = 200  # DOFs, above which a sparse solve is the faster one
 
 Property: TypeAlias = float | str | tuple[float, str]
@@ -68,8 +71,9 @@ class Section:
         GJ: Torsional stiffness, N m2.
         rho: Density, kg/m3.
         A: Area, m2.
-        Iy: Second moment of area that resists displacement along local z, m4.
-        Iz: Second moment of area that resists displacement along local y, m4.
+        Iy: Second moment of area for bending in the local x-z plane, m4.
+        Iz: Second moment of area for bending in the local x-y plane, m4. With GJ, Iy
+            and Iz of 0.0 it is a bar of a truss, which stays straight.
         orientation: A vector whose part normal to the bar is local y; local x runs
             along the bar. The default is global z.
         Ip: What resists twisting by its inertia, m4; None for Iy + Iz. Give it where Iy
@@ -77,7 +81,8 @@ class Section:
 
     Raises:
         TypeError: If a property is of none of these forms.
-        ValueError: If a number is not above zero, or orientation is not (3,) or zero.
+        ValueError: If a number is not above zero (GJ, Iy, Iz may be zero), or
+            orientation is not (3,) or zero.
 
     Examples:
         >>> from emcee_femu import Section
@@ -98,7 +103,7 @@ class Section:
     def __post_init__(self) -> None:
         """Check the properties."""
         for name, value in self.properties.items():
-            _read_property(name, value)
+            _read_property(name, value, zero=name in MAY_BE_ZERO)
         if not checks.shaped_array("orientation", self.orientation, (3,)).any():
             raise ValueError("orientation: expected a vector that is not zero")
 
@@ -111,8 +116,12 @@ class Section:
     @property
     def parameters(self) -> tuple[str, ...]:
         """The names of parameters among the properties."""
-        read = (_read_property(k, value) for k, value in self.properties.items())
-        return tuple(name for _, names in read for name in names)
+        return tuple(name for _, names in self.read().values() for name in names)
+
+    def read(self) -> dict[str, Scale]:
+        """Return the number of each property that is not 0, and its parameter."""
+        read = {k: _read_property(k, v, True) for k, v in self.properties.items()}
+        return {name: scale for name, scale in read.items() if scale[0]}
 
 
 class FrameModel(AffineModel):
@@ -154,7 +163,9 @@ class FrameModel(AffineModel):
         skip: Number of rigid-body modes, checked at each solve (6 for free-free).
         shapes: Whether to return mass-normalised mode shapes too; or the DOFs at which
             to return them, in the given order. A DOF is named by node and direction,
-            such as ``"3:uy"``; ``model.dofs`` lists the free ones.
+            such as ``"3:uy"``; ``model.dofs`` lists the free ones. Sensors by name are
+            ``{"roof": "3:uy"}``, and of several DOFs ``{"skew": {"3:ux": 0.6, "3:uy":
+            0.8}}``: a strain gauge, or a difference of two points, is one of these.
 
     Raises:
         TypeError: If not exactly one of n_modes and modes is given, or an argument is
@@ -208,6 +219,7 @@ class FrameModel(AffineModel):
         joined = {*(np.concatenate(rows) // 6).tolist()}
         if alone := sorted({*range(len(points))} - joined):
             raise ValueError(f"nodes: nothing is fixed to {alone}")
+        free = free[_touched(K, M, 6 * len(points))[free]]
         in_K, in_M = (
             {term: _add_up(each, free, 6 * len(points)) for term, each in part.items()}
             for part in (K, M)
@@ -224,15 +236,37 @@ class FrameModel(AffineModel):
         self.bounds = dict.fromkeys(self.names, (0.0, np.inf))
         lines = [(first, second) for first, second, *_ in bars]
         self.geometry = Geometry(dict(enumerate(points)), lines)
+        self._place_sensors(self.geometry)
+
+    def _place_sensors(self, geometry: Geometry) -> None:
+        """Add sensors that combine DOFs of one node, and name those that do not."""
+        if self.sensors.factors is None:
+            return
+        for i, label in enumerate(self.sensors.labels):
+            parts, along = self.sensors.combination(i), np.zeros(3)
+            nodes, axes = zip(
+                *(str(self.dofs[row]).split(":") for row in parts), strict=True
+            )
+            if len({*nodes}) == 1 and {*axes} <= {*DOFS[:3]}:
+                along[[DOFS.index(axis) for axis in axes]] = [*parts.values()]
+                # Not of unit length: what it measures is its product with the motion.
+                geometry.sensors[label] = int(nodes[0]), along
+            else:
+                geometry.undrawn.add(label)
 
 
-def _read_property(label: str, value: Property) -> Scale:
-    """Return the number of a property, and the parameter that multiplies it, if any."""
+def _read_property(label: str, value: Property, zero: bool = False) -> Scale:
+    """Return the number of a property, and the parameter that multiplies it, if any.
+
+    A number alone may be 0 with ``zero``.
+    """
     pair: tuple[Any, ...] = (value,)
     if isinstance(value, str):
         pair = 1.0, value
     elif isinstance(value, tuple):
         pair = checks.group(label, value, "a number, name or (number, name)", 2)
+    elif zero and isinstance(value, float | int) and value == 0:
+        return 0.0, ()
     names = tuple(checks.text(label, name) for name in pair[1:])
     return checks.positive_array(label, pair[0], 0).item(), names
 
@@ -256,6 +290,15 @@ def _add_up(pieces: list[Floats], free: Indices, size: int) -> csc_array:
     at = np.array(places, dtype=np.intp)
     total = csc_array(coo_array((entries, at), shape=(size, size)))
     return csc_array(total[free][:, free])
+
+
+def _touched(K: Pieces, M: Pieces, size: int) -> NDArray[np.bool_]:
+    """Return which DOFs have an entry: rotations in trusses have none."""
+    touched = np.zeros(size, dtype=bool)
+    for pieces in (*K.values(), *M.values()):
+        rows, _, entries = np.hstack(pieces)
+        touched[rows[entries != 0].astype(np.intp)] = True
+    return touched
 
 
 def _label(matrices: Mapping[Term, csc_array | Floats]) -> dict[str, Unit]:
@@ -295,11 +338,13 @@ def _add_bars(
         length, axes = local_axes(start, end, section.orientation, label)
         T[:6, :6], T[6:, 6:] = map(rigid_arm, arms)
         T = np.kron(np.eye(4), axes) @ T
-        read = {k: _read_property(k, value) for k, value in section.properties.items()}
+        read = section.read()
         polar = ["Iy", "Iz"] if section.Ip is None else ["Ip"]
-        for part, matrices in zip((K, M), element_matrices(length, polar), strict=True):
+        parts = element_matrices(length, polar, read)
+        for part, matrices in zip((K, M), parts, strict=True):
             for product, matrix in matrices.items():
-                _add(part, [read[key] for key in product], _dofs(*ends), T, matrix)
+                if {*product} <= {*read}:
+                    _add(part, [read[key] for key in product], _dofs(*ends), T, matrix)
     if unused := sorted({*sections} - {name for _, _, name, *_ in elements}):
         raise ValueError(f"sections: no element uses {unused}")
 
@@ -357,19 +402,23 @@ def rigid_arm(offset: Floats) -> Floats:
 
 
 def element_matrices(
-    length: float, polar: Sequence[str]
+    length: float, polar: Sequence[str], stiff: Collection[str] = ("Iy", "Iz")
 ) -> tuple[dict[Term, Floats], dict[Term, Floats]]:
     """Return stiffness and consistent mass in local axes, ``(12, 12)`` matrices.
 
     Each by the properties whose product it multiplies. rho times the sum of the
-    properties ``polar`` resists twisting.
+    properties ``polar`` resists twisting. Where Iy or Iz is not among the ``stiff``
+    properties, the bar stays straight.
     """
     arms = np.array([1.0, length, 1.0, length])  # rotations are by length
     bent, swung = (np.outer(arms, arms) * unit for unit in (UNIT_BENT, UNIT_SWUNG))
     bent, swung = bent / length**3, swung * length
     strained, moved = UNIT_STRAINED / length, UNIT_MOVED * length
-    along = _place(AXIAL, moved) + _place(BENDING_Y, swung)
-    along += _place(BENDING_Z, swung * ROTATION_SIGNS)
+    along = _place(AXIAL, moved)
+    bends_y, bends_z = "Iz" in stiff, "Iy" in stiff
+    along += _place(BENDING_Y, swung) if bends_y else _place(ACROSS_Y, moved)
+    turned = swung * ROTATION_SIGNS
+    along += _place(BENDING_Z, turned) if bends_z else _place(ACROSS_Z, moved)
     twist = _place(TORSION, moved)
     stiffness: dict[Term, Floats] = {
         ("E", "A"): _place(AXIAL, strained),

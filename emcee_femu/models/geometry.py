@@ -11,6 +11,7 @@ from ..contracts import Floats
 
 UNIT_AXES = {"ux": (1.0, 0.0, 0.0), "uy": (0.0, 1.0, 0.0), "uz": (0.0, 0.0, 1.0)}
 Node: TypeAlias = Hashable
+Sensor: TypeAlias = tuple[Node, str | Sequence[float]]
 
 
 class Geometry:
@@ -25,7 +26,8 @@ class Geometry:
         lines: ``(node, node)`` each: the lines of the drawing.
         sensors: ``{DOF: (node, direction)}``, where a DOF is named as in the model and
             in :class:`Measurements`, and a direction is one of ux uy uz or a vector.
-            DOFs named ``"node:ux"`` may be left out.
+            DOFs named ``"node:ux"`` may be left out; None stands for one that moves no
+            node, such as a strain gauge.
         supports: Nodes that do not move. Not needed if the model returns shapes at all
             its DOFs (``shapes=True``): all other nodes are then supports.
 
@@ -50,7 +52,7 @@ class Geometry:
         self,
         nodes: Mapping[Node, ArrayLike],
         lines: Iterable[tuple[Node, Node]] = (),
-        sensors: Mapping[Hashable, tuple[Node, str | Sequence[float]]] | None = None,
+        sensors: Mapping[Hashable, Sensor | None] | None = None,
         supports: Iterable[Node] = (),
     ) -> None:
         if not checks.mapping("nodes", nodes, "{node: coordinates}"):
@@ -67,10 +69,14 @@ class Geometry:
         self.supports = checks.sequence("supports", supports, "nodes")
         self._check_nodes("supports", self.supports)
         self.sensors: dict[Hashable, tuple[Node, Floats]] = {}
+        self.undrawn: set[Hashable] = set()
         form = "{DOF: (node, direction)}"
         by_dof = checks.mapping("sensors", {} if sensors is None else sensors, form)
         for dof, sensor in by_dof.items():
             label = f"sensors[{dof!r}]"
+            if sensor is None:
+                self.undrawn.add(dof)
+                continue
             node, along = checks.group(label, sensor, "(node, direction)", 2)
             self._check_nodes(label, [node])
             axis = UNIT_AXES.get(along) if isinstance(along, str) else along

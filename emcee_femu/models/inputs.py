@@ -1,21 +1,19 @@
 """What models share at their border: parameter sets, DOFs, and matrices."""
 
 import warnings
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse import csc_array, issparse
 
 from .. import checks
 from ..contracts import Derivatives, Floats, Parameters
-from ..measurements.modes import along_axis
 
 Matrix: TypeAlias = Floats | csc_array
 Where: TypeAlias = Callable[[int], str]  # names a parameter set i in a message
 Weights: TypeAlias = Sequence[Floats]  # of K and of M, (n, n_k) and (n, n_m)
-Dofs: TypeAlias = Sequence[Hashable] | Mapping[Hashable, Hashable] | NDArray[np.intp]
 
 
 LISTED = 10  # rows in a message
@@ -95,41 +93,6 @@ def derive_along(
             slope = (value - behind[variable]) / widen(2 * step, value)
             slopes.setdefault(variable, {})[name] = slope
     return slopes
-
-
-def choose_dofs(
-    argument: str, chosen: bool | Dofs, dofs: Sequence[Hashable]
-) -> dict[Hashable, int]:
-    """Return ``{label: place}`` of the requested DOFs of a model.
-
-    Args:
-        argument: Its name, for messages.
-        chosen: False for none, True for all, a sequence of DOFs in any order, or
-            ``{label: DOF}``. One against its axis, ``"2:-ux"``, is that along it, as
-            measurements are turned.
-        dofs: All DOFs of the model, by number or by label.
-
-    Raises:
-        TypeError: If chosen is of another type.
-        ValueError: If a DOF does not exist or is repeated, or there are none.
-    """
-    if isinstance(chosen, bool | np.bool_):
-        return {dof: i for i, dof in enumerate(dofs)} if chosen else {}
-    if isinstance(chosen, Mapping):
-        labels, wanted = list(chosen), list(chosen.values())
-    elif np.ndim(np.asarray(chosen, dtype=object)) == 1:
-        labels = wanted = [along_axis(dof)[0] for dof in chosen]
-    else:
-        raise TypeError(f"{argument}: expected True, False or DOFs, got {chosen!r}")
-    if isinstance(dofs, range):
-        wanted = [checks.whole_number(argument, dof) for dof in wanted]
-    for dof in wanted:
-        if dof not in dofs:
-            raise ValueError(f"{argument}: no DOF {dof} among {dofs[0]} to {dofs[-1]}")
-    if not wanted or len(set(wanted)) < len(wanted):
-        raise ValueError(f"{argument}: expected DOFs, each once, got {wanted}")
-    places = [dofs.index(dof) for dof in wanted]
-    return dict(zip(labels, places, strict=True))
 
 
 def read_matrix(

@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..contracts import Derivatives, Floats, ModalSolution, Parameters, show_declared
-from .inputs import Dofs
 from .matrix import AffineModel
+from .sensors import Dofs
 
 Spring: TypeAlias = tuple[int, int, float | str]
 Springs: TypeAlias = Mapping[str, Spring]

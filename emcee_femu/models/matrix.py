@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from copy import copy
 from functools import partial
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,13 +21,15 @@ from ..contracts import (
     modal_variables,
     show_declared,
 )
+from ..measurements.modes import along_axis
 from .coefficients import Coefficients, Unit, read_units
 from .eigen_dense import Eigenproblem, Wanted, combine
 from .eigen_sparse import DenseProblem, SparseEigenproblem, SparseSum
 from .exports import Export, Matrices, fit_polynomials
 from .factorization import factor_definite
 from .geometry import Geometry
-from .inputs import Dofs, Matrix, choose_dofs, read_matrix, warn_of_uncoupled
+from .inputs import Matrix, read_matrix, warn_of_uncoupled
+from .sensors import Dofs, choose_sensors
 
 
 class AffineModel:
@@ -45,7 +47,7 @@ class AffineModel:
         positive: What the parameters are if all must be above zero, "" for any.
 
     Attributes:
-        rows: Where the DOFs of the shapes are in the matrices.
+        sensors: What is returned of the shapes.
         parts: The matrices of K and those of M, the constant ones first.
         wanted: The modes and DOFs that are returned.
     """
@@ -79,15 +81,14 @@ class AffineModel:
                 f"(skip), but there are only {size} DOFs"
             )
         self.dofs = range(size) if dofs is None else dofs
-        chosen = choose_dofs("shapes", shapes, self.dofs)
-        self.rows = tuple(chosen.values())
-        self.shape_dofs = tuple(self.dofs[row] for row in self.rows)
-        self.variables = modal_variables(self.n_modes, tuple(chosen))
+        self.sensors = choose_sensors("shapes", shapes, self.dofs)
+        self.shape_dofs = tuple(self.dofs[row] for row in self.sensors.rows)
+        self.variables = modal_variables(self.n_modes, self.sensors.labels)
         self.parts: tuple[list[Matrix], list[Matrix]]
         self.parts = [self.K0, *self.K.values()], [self.M0, *self.M.values()]
         self.problem: SparseEigenproblem | DenseProblem | Eigenproblem
         kind = SparseEigenproblem if sparse else DenseProblem
-        self.wanted = Wanted(self.modes, self.skip, self.rows)
+        self.wanted = Wanted(self.modes, self.skip, self.sensors)
         self.problem = kind(*self.parts, self.wanted)
 
     __repr__ = show_declared
@@ -114,6 +115,33 @@ class AffineModel:
         one = {name: np.array([value]) for name, value in values.items()}
         (k, m), _ = self.coefficients(one)
         return self.problem.stiffness(k[0]), self.problem.mass(m[0])
+
+    def static(
+        self,
+        loads: Mapping[str, ArrayLike | Mapping[Hashable, float]],
+        *,
+        points: Dofs | None = None,
+        unit: str = "m",
+    ) -> StaticModel:
+        """Return a static test of the same structure, by the same parameters.
+
+        Args:
+            loads: ``{load case: {DOF: force}}``, DOFs as in ``model.dofs``.
+            points: Where displacements are measured, as of :class:`StaticModel`.
+            unit: Their unit.
+
+        Returns:
+            The :class:`StaticModel`.
+
+        Raises:
+            ValueError: As :class:`StaticModel` does.
+        """
+        K = dict[str, Unit](self.K)
+        for label, (_, function) in self.coefficients.parts[0].items():
+            if function is not None:
+                K[label] = self.K[label], function
+        given: dict[str, Any] = {"points": points, "unit": unit, "dofs": self.dofs}
+        return StaticModel(self.K0, loads, K, **given)
 
     def project(self, K: Floats, M: Floats, output: Floats) -> Self:
         """Return the model in a basis, from its projected parts and shapes.
@@ -163,7 +191,7 @@ class MatrixModel(AffineModel):
         shapes: Whether to return mass-normalised mode shapes too, ``(n, N, n_modes)``;
             or the DOFs (0 to N - 1) at which to return them, in the given order; or
             ``{label: DOF}``, with the labels that :class:`Measurements` have as
-            ``dofs``.
+            ``dofs``. A sensor that measures several DOFs is ``{label: {DOF: factor}}``.
 
     Raises:
         TypeError: If K0 is dense and another matrix is sparse, or a function's
@@ -279,9 +307,12 @@ class StaticModel:
         K: ``{parameter: K_i}``, where K_i is multiplied by the parameter, or
             ``{label: (K_i, function)}``, as for :class:`MatrixModel`.
         points: The DOFs (0 to N - 1) at which displacements are returned, or ``{label:
-            dof}``; None for all.
+            dof}``; None for all. For a sensor that measures several, such as a skew
+            one, ``{label: {dof: factor}}``.
         unit: The unit of the displacements, which follows from those of K and the
             loads.
+        dofs: Labels of the DOFs, by which loads and points are then given; None for
+            numbers. :meth:`FrameModel.static` gives ``"8:uz"``.
 
     Attributes:
         cases: The names of the load cases.
@@ -305,11 +336,12 @@ class StaticModel:
     def __init__(
         self,
         K0: Matrix,
-        loads: Mapping[str, ArrayLike | Mapping[int, float]],
+        loads: Mapping[str, ArrayLike | Mapping[Hashable, float]],
         K: Mapping[str, Unit],
         *,
         points: Dofs | None = None,
         unit: str = "m",
+        dofs: Sequence[Hashable] | None = None,
     ) -> None:
         sparse = issparse(K0)
         self.K0: Matrix = read_matrix("K0", K0, sparse=sparse)
@@ -317,12 +349,13 @@ class StaticModel:
         self.K, of_K = read_units("K", K, size, sparse)
         self.coefficients = Coefficients((of_K,))
         self.names = self.coefficients.names
+        self.dofs = range(size) if dofs is None else dofs
         self.cases = tuple(checks.by_label("loads", loads, "forces"))
-        forces = [_read_force(case, force, size) for case, force in loads.items()]
+        forces = [_read_force(case, force, self.dofs) for case, force in loads.items()]
         self._forces = np.stack(forces, axis=1)  # (N, cases)
-        dofs = choose_dofs("points", True if points is None else points, range(size))
-        self.points = tuple(dofs.values())
-        coords = {"load_case": self.cases, "point": list(dofs)}
+        every = True if points is None else points
+        self.sensors = choose_sensors("points", every, self.dofs)
+        coords = {"load_case": self.cases, "point": list(self.sensors.labels)}
         self.variables = {"displacement": Variable(coords, unit)}
         terms = [self.K0, *self.K.values()]
         self._sum = SparseSum(terms) if sparse else np.array(terms)
@@ -374,7 +407,7 @@ class StaticModel:
         """
         u = solve(self._forces)
         every = [u, *(-solve(unit @ u) for unit in units.values())]
-        return [part[..., list(self.points), :].swapaxes(-1, -2) for part in every]
+        return [self.sensors.of(part).swapaxes(-1, -2) for part in every]
 
 
 def _indefinite(where: str) -> ValueError:
@@ -384,16 +417,19 @@ def _indefinite(where: str) -> ValueError:
     )
 
 
-def _read_force(case: str, value: ArrayLike | Mapping[int, float], size: int) -> Floats:
+def _read_force(
+    case: str, value: ArrayLike | Mapping[Hashable, float], dofs: Sequence[Hashable]
+) -> Floats:
     """Return the forces ``(N,)`` of a load case."""
     label = f"loads[{case!r}]"
     if isinstance(value, Mapping):
-        force = np.zeros(size)
-        places = choose_dofs(label, tuple(value), range(size)).values()
-        for place, number in zip(places, value.values(), strict=True):
-            force[place] = checks.real_number(label, number)
+        force = np.zeros(len(dofs))
+        sides = [along_axis(dof)[1] for dof in value]  # a force along "2:-ux"
+        places = choose_sensors(label, tuple(value), dofs).rows
+        for place, side, number in zip(places, sides, value.values(), strict=True):
+            force[place] = side * checks.real_number(label, number)
     else:
-        force = checks.shaped_array(label, value, (size,))
+        force = checks.shaped_array(label, value, (len(dofs),))
     if not force.any():
         raise ValueError(f"{label}: expected forces that are not all zero")
     return force

@@ -6,7 +6,7 @@ model's modes and cost no solve. The pairing is held fixed; everything else, inc
 the blending of close modes, is differentiated.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import partial
 from typing import TypeAlias
 
@@ -32,6 +32,7 @@ from ..contracts import (
 )
 from ..measurements import Measurements
 from .inputs import derive_along
+from .sensors import propose
 
 Indices: TypeAlias = NDArray[np.intp]
 # What a model's jacobian, or its spread, is.
@@ -153,7 +154,7 @@ class PairedModel:
         groups = enumerate(sensors.T[:, :, None])
         self._alike = [(each, np.flatnonzero(of_mode == i)) for i, each in groups]
         declared = read_declared(model, "variables")
-        self._rows = _match_rows(declared, test)
+        self._rows = _match_rows(declared, test, read_declared(model, "dofs"))
         if declared is not None and "frequency" in declared:
             self._check_count(declared["frequency"].size)
         labels = [None] * len(self._shapes) if test.dofs is None else test.dofs.tolist()
@@ -354,7 +355,9 @@ def _solve_reference(
 
 
 def _match_rows(
-    variables: Mapping[str, Variable] | None, measurements: Measurements
+    variables: Mapping[str, Variable] | None,
+    measurements: Measurements,
+    dofs: Sequence[Hashable] | None,
 ) -> Indices | None:
     """Return the model rows that correspond to the sensors; None if unknown."""
     if variables is None:
@@ -370,9 +373,14 @@ def _match_rows(
     places = {dof: i for i, dof in enumerate(labels)}
     sensors = measurements.dofs.tolist()
     if missing := [dof for dof in sensors if dof not in places]:
+        known = [dof for dof in missing if dof in (dofs or ())]
+        if known or not dofs:
+            cure = f", only at {[*places][:8]}; ask it for shapes={sensors}"
+        else:
+            cure = propose(missing[0], dofs)
         raise ValueError(
             f"dofs: the measurements have sensors at {missing}, but the model has no "
-            f"shapes there, only at {[*places][:8]}; ask it for shapes={sensors}"
+            f"shapes there{cure}"
         )
     return np.array([places[dof] for dof in sensors])
 

@@ -6,7 +6,7 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 from scipy import sparse
-from scipy.io import hb_read, hb_write, mmwrite
+from scipy.io import hb_read, hb_write, mmwrite, savemat
 from support.exports import (
     FREQUENCIES,
     cantilever,
@@ -33,6 +33,33 @@ def write_npz(folder):
     return {"K": folder / "K.npz", "M": folder / "M.npz"}
 
 
+def write_npy(folder):
+    for name, matrix in (("K", K), ("M", M)):
+        np.save(folder / f"{name}.npy", matrix)
+    return {"K": folder / "K.npy", "M": folder / "M.npy"}
+
+
+def write_savez(folder):
+    np.savez(folder / "both.npz", K=K, M=M, nodes=DOFS, count=len(K))
+    return folder / "both.npz"
+
+
+def write_csv(folder, delimiter=","):
+    for name, matrix in (("K", K), ("M", M)):
+        path = folder / f"{name}.csv"
+        np.savetxt(path, matrix, delimiter=delimiter, fmt="%.16g")
+        if delimiter == ";":  # a spreadsheet with decimal commas
+            path.write_text(path.read_text().replace(".", ","))
+    return {"K": folder / "K.csv", "M": folder / "M.csv"}
+
+
+def write_mat(folder, version="5", kind=np.array):
+    path = folder / "job.mat"
+    matrices = {"K": kind(K), "M": kind(M), "f": np.ones((1, 3)), "title": "a beam"}
+    savemat(path, matrices | {"count": len(K)}, format=version)
+    return path
+
+
 def write_op4(folder, layout):
     path = folder / "beam.op4"
     path.write_text(op4("KAA", K, layout) + op4("MAA", M, layout))
@@ -44,6 +71,13 @@ WRITERS = {
     "Matrix Market, general": lambda folder: write_market(folder, "general"),
     "Matrix Market, array": lambda folder: write_market(folder, "symmetric", np.array),
     "SciPy": write_npz,
+    "NumPy": write_npy,
+    "NumPy, both": write_savez,
+    "CSV": write_csv,
+    "CSV, semicolons": lambda folder: write_csv(folder, ";"),
+    "CSV, blanks": lambda folder: write_csv(folder, " "),
+    "MATLAB": write_mat,
+    "MATLAB, sparse": lambda folder: write_mat(folder, "5", sparse.csc_array),
     "Abaqus": lambda folder: write_abaqus(folder, K, M, DOFS),
     "Abaqus, labels": lambda folder: write_abaqus(folder, K, M, DOFS, "labels"),
     "Abaqus, rows": lambda folder: write_abaqus(folder, K, M, DOFS, "coordinate"),
@@ -100,7 +134,12 @@ def test_a_cut_file_is_refused_or_a_matrix_is_missing(tmp_path, program):
 
 
 @pytest.mark.parametrize(
-    "program", [p for p in WRITERS if p not in ("SciPy", "Matrix Market, array")]
+    "program",
+    [
+        p
+        for p in WRITERS
+        if p[:3] not in ("Sci", "Num", "CSV", "MAT") and "array" not in p
+    ],
 )
 @pytest.mark.parametrize("wrong", ["nan", "1e999"])
 def test_an_entry_that_is_no_number_is_refused(tmp_path, program, wrong):
@@ -116,6 +155,48 @@ def test_an_entry_that_is_no_number_is_refused(tmp_path, program, wrong):
     path.write_text("".join(lines))
     with pytest.raises(ValueError, match=str(path)):
         ef.read_matrices(given)
+
+
+def test_a_matlab_file_of_version_4_and_one_of_version_7_3(tmp_path):
+    read = ef.read_matrices(write_mat(tmp_path, "4"))
+    np.testing.assert_array_equal(read.M.toarray(), M)
+    newer = tmp_path / "new.mat"
+    newer.write_bytes(
+        b"MATLAB 7.3 MAT-file, Platform".ljust(512) + b"\x89HDF\r\n\x1a\n\0"
+    )
+    with pytest.raises(ValueError, match=r"new\.mat.*-v7'.*h5py"):
+        ef.read_matrices(newer)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("K.csv", "a,b\n1,0\n0,1\n", "a,b"),
+        ("K.csv", "1,0\n0,x\n", "line 2"),
+        ("K.csv", "1,0\n0\n", "line 2"),
+        ("K.csv", "1,0,0\n0,1,0\n", "square"),
+        ("K.csv", "1,0\n0,1", "cut off"),
+        ("K.csv", "1,0\n0,nan\n", "finite"),
+        ("job.op2", "\0\0", "pyNastran"),
+        ("job.h5", "\x89HDF\r\n\x1a\n\0", "h5py"),
+        ("job.xlsx", "PK\x03\x04\0", "pandas.read_excel"),
+        ("K.mat", "\0" * 200, "-v7"),
+        ("K.npy", "\x93NUMPY\x01\0v\0", "numpy.save"),
+    ],
+)
+def test_what_is_no_matrix_says_what_to_do(tmp_path, name, content, words):
+    path = tmp_path / name
+    path.write_text(content, encoding="latin-1", newline="")
+    with pytest.raises(ValueError, match=rf"{path}.*{words}"):
+        ef.read_matrices({"K": path})
+
+
+def test_a_csv_of_three_whole_columns_is_no_list_of_triplets(tmp_path):
+    A = np.array([[2, -1, 0], [-1, 2, -1], [0, -1, 3]])
+    np.savetxt(tmp_path / "K.csv", A, delimiter=",", fmt="%d")
+    assert (
+        ef.read_matrices({"K": tmp_path / "K.csv"}).K.toarray().tolist() == A.tolist()
+    )
 
 
 def test_labels_of_a_file_are_for_formats_that_have_none(tmp_path):

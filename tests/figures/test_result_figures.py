@@ -10,6 +10,7 @@ from support.chains import by_hand, dataset
 from support.figures import assert_readable
 
 import emcee_femu as ef
+from emcee_femu.results.evidence import Evidence
 
 PRIOR = ef.GaussianPrior(["a", "b"], [1.0, 2.0], 0.3)
 MODEL = ef.FunctionModel(lambda p: [p["a"], p["a"] + p["b"]], n_modes=2)
@@ -63,6 +64,30 @@ def test_points_bars_and_probabilities_of_model_classes():
     assert_allclose([bar.get_width() for bar in right.patches], odds / odds.sum())
     left, _ = drawn(a=(-3.0, np.inf), b=(-1.0, 0.4))  # no error can be claimed
     assert not left.containers[1].has_xerr
+
+
+@pytest.mark.parametrize("behind", [0.1, 1.0, 10.0, 56.0, 134.0, 1000.0])
+def test_every_class_is_drawn_inside_the_axis_with_its_bar(behind):
+    found = {
+        "A": Evidence(-12.3, 0.05, "known"),
+        "B": Evidence(-12.3 - behind, 0.3, ""),
+    }
+    found["C"] = Evidence(-13.3, 0.05, "known")
+    figure = ef.figures.plot_model_comparison(ef.compare_models(found))
+    figure.draw_without_rendering()
+    left = figure.axes[0]
+    points = [c.lines[0].get_xdata()[0] for c in left.containers]
+    assert_allclose(sorted(points), sorted([0.0, -1.0, -behind]), atol=1e-12)
+    pixels = left.transData.transform([(x, 0.0) for x in (0.0, -1.0, -behind)])[:, 0]
+    share = (pixels - left.bbox.x0) / left.bbox.width
+    assert ((share > 0.02) & (share < 0.98)).all()
+    assert share[0] - share[1] > 0.05  # near ones are told apart, whatever else
+    if behind > 1:
+        assert share[1] - share[2] > 0.2
+    low, high = left.get_xlim()
+    bar = left.containers[-1].lines[2][0].get_segments()[0][:, 0]
+    assert low < bar.min() and bar.max() < high
+    assert sum(low <= tick <= high for tick in left.get_xticks()) >= 3
 
 
 def test_measured_amplitudes_of_frfs_are_drawn_by_channel():

@@ -198,6 +198,15 @@ def test_a_result_of_pyoma2():
     assert_array_equal(m.damping_sd, 1e-3)
 
 
+def test_an_uncertainty_of_zero_from_pyoma2_has_a_cure():
+    result = a_result(Fn_std=np.array([3e-3, 0.0, 0.01]))
+    with pytest.raises(ValueError, match=r"Fn_std.*\[2\].*modes=\[1, 3\].*relative_sd"):
+        Measurements.from_pyoma2(result)
+    assert_array_equal(Measurements.from_pyoma2(result, modes=[1, 3]).sd, [3e-3, 0.01])
+    result.Fn_std = result.Phi_std = None
+    assert Measurements.from_pyoma2(result).sd is None
+
+
 def test_modes_of_pyoma2_are_put_in_ascending_order_and_chosen():
     plain, order = a_result(Phi_std=np.abs(X) + 0.1), [2, 0, 1]
     fields = {key: value[..., order] for key, value in vars(plain).items()}

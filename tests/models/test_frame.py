@@ -318,3 +318,33 @@ def test_nodes_without_mass_are_condensed():
     half = [(1, None, {dof: k / 2 for dof, k in stiff.items()})]
     one = FrameModel(nodes[:2], *bars, springs=half, **options)
     np.testing.assert_allclose(solve(two), solve(one), rtol=1e-8)
+
+
+@pytest.mark.parametrize("zero", [0, 0.0])
+def test_bars_of_a_truss_stay_straight_and_leave_no_rotations(zero):
+    bar = Section(E="E", GJ=zero, rho=2700.0, A=(3e-4, "area"), Iy=zero, Iz=zero)
+    nodes = np.array([(0.0, 0, 0), (3, 0, 0), (0, 4, 0), (1, 1, 2)])
+    legs, held = [(i, 3, "bar") for i in range(3)], {i: "all" for i in range(3)}
+    model = FrameModel(nodes, legs, {"bar": bar}, held, n_modes=3, shapes=True)
+    assert model.dofs == ("3:ux", "3:uy", "3:uz")
+    K, m = np.zeros((3, 3)), 0.0
+    for leg in nodes[3] - nodes[:3]:
+        length = np.linalg.norm(leg)
+        K += 7e10 * 3e-4 * np.outer(leg, leg) / length**3
+        m += 2700.0 * 3e-4 * length / 3
+    found = model({"E": np.array([7e10]), "area": np.ones(1)})
+    exact = np.sqrt(np.linalg.eigvalsh(K) / m) / (2 * np.pi)
+    np.testing.assert_allclose(found.frequencies[0], exact, rtol=1e-12)
+
+
+def test_a_truss_that_does_not_stand_and_other_zeros_are_refused():
+    bar = Section(E=7e10, GJ=0.0, rho=2700.0, A=3e-4, Iy=0.0, Iz=0.0)
+    nodes, bars = [(0, 0, 0), (1, 0, 0), (2, 0, 0)], [(0, 1, "bar"), (1, 2, "bar")]
+    model = FrameModel(nodes, bars, {"bar": bar}, {0: "all", 2: "all"}, n_modes=1)
+    with pytest.raises(ValueError, match="skip"):
+        model({})  # its middle has no hold across
+    for name in ("E", "rho", "A", "Ip"):
+        with pytest.raises(ValueError, match=name):
+            Section(**BAR | {name: 0.0})
+    with pytest.raises(ValueError, match="Iy"):
+        Section(**BAR | {"Iy": (0.0, "f")})

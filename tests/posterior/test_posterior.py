@@ -195,3 +195,14 @@ def test_a_model_that_asks_for_a_wrong_name_is_told_the_right_ones(function, rem
     place, *names = caught.value.__notes__
     assert "'a': 0.05" in place
     assert ["a, b" in note for note in names] == [True] * remedied
+
+
+def test_an_empty_unit_is_none():
+    posterior = ef.LogPosterior(Linear(), TERM, PRIOR, units={"a": "", "b": "m"})
+    run = ef.run(posterior, ef.DEMCMove(), 8, 10, seed=1, ensembles=1)
+    figure = ef.figures.plot_prior_posterior(run, units={"b": ""})
+    assert [axes.get_xlabel() for axes in figure.axes] == ["a", "b"]
+    figure = ef.figures.plot_prior_posterior(run)
+    assert [axes.get_xlabel() for axes in figure.axes] == ["a", "b [m]"]
+    with pytest.raises(TypeError, match="units"):
+        ef.LogPosterior(Linear(), TERM, PRIOR, units={"a": 1})

@@ -8,6 +8,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.ticker import SymmetricalLogLocator
 
 from ... import checks
 from ...figures.predictive import draw_errors, running_tae
@@ -18,7 +19,9 @@ from .compare import Comparison
 Colour: TypeAlias = tuple[float, float, float, float]
 LABEL_WIDTH, CLASS_WIDTH = 32, 28  # characters per line
 LEAST_WRITTEN = 0.001  # least probability written as a number
-FAR_BEHIND = 25.0  # log evidence behind the first beyond which a class is only named
+# A log evidence behind the first beyond which a linear axis would hide how near ones
+# differ: the axis is then logarithmic, but for its last unit.
+FAR_BEHIND = 25.0
 
 
 def plot_comparison(comparison: Comparison) -> Figure:
@@ -113,7 +116,8 @@ def plot_model_comparison(comparison: ModelComparison) -> Figure:
 
     Left: the best class on top, with bars of two combined standard errors; a class
     counts as behind if its bar ends below the best. There is no bar if the error is
-    unknown. Hollow markers are undecided. Right: the probabilities given the data.
+    unknown. Hollow markers are undecided. The axis is logarithmic beyond 1 where a
+    class is more than 25 behind. Right: the probabilities given the data.
 
     Args:
         comparison: The result of :func:`compare_models`.
@@ -141,16 +145,15 @@ def plot_model_comparison(comparison: ModelComparison) -> Figure:
     left.axvline(0.0, color=GREY, lw=0.8)
     for row, standing in enumerate(standings):
         x, bar = -standing.lead, CLASS_LEAD * standing.lead_error
-        if x < -FAR_BEHIND:  # it would hide how the others differ
-            place: Style = {"xycoords": left.get_yaxis_transform(), "va": "center"}
-            left.annotate(f"{x:.0f}, far left", (0.02, row), **place)
-            continue
         style: Style = {"fmt": "o", "color": colours[row], "capsize": 4}
         style["mfc"] = colours[row] if standing.decided or not row else "white"
         left.errorbar(x, row, xerr=bar if row and np.isfinite(bar) else None, **style)
         if not np.isfinite(bar):
             where: Style = {"xytext": (8, 4), "textcoords": "offset points"}
             left.annotate("no error can be claimed", (x, row), **where)
+    if max(standing.lead for standing in standings) > FAR_BEHIND:
+        left.set_xscale("symlog", linthresh=1.0)
+        left.xaxis.set_major_locator(SymmetricalLogLocator(base=10.0, linthresh=1.0))
     left.margins(x=0.12, y=0.2)
     left.set_yticks(rows, [textwrap.fill(label, CLASS_WIDTH) for label in labels])
     left.invert_yaxis()

@@ -2,15 +2,14 @@
 
 import importlib
 import re
-import zipfile
-import zlib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import csc_array, diags_array, load_npz
+from scipy.sparse import csc_array, diags_array
 
+from .arrays import DENSE, read_dense, read_mat, read_npy, read_npz
 from .entries import (
     AGAIN,
     Dofs,
@@ -34,8 +33,6 @@ MARKET = re.compile(
     r"(general|symmetric)\s*",
     re.I,
 )
-DAMAGED = ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile, zlib.error
-MOST_UNPACKED = 200  # times as many bytes as the file has; matrices shrink tenfold
 # Of *FREQUENCY, SOLVER=MATRIXSTORAGE: jobname.sti, jobname.mas and jobname.dof.
 CALCULIX = {"K": ".sti", "M": ".mas"}
 
@@ -187,23 +184,6 @@ def read_harwell_boeing(path: Path) -> list[Part]:
     return [Part("", path, matrix)]
 
 
-def read_npz(path: Path) -> list[Part]:
-    """Return the matrix of a file that ``scipy.sparse.save_npz`` wrote."""
-    try:
-        with path.open("rb") as file:  # load_npz leaves it open when it fails
-            unpacked = sum(part.file_size for part in zipfile.ZipFile(file).filelist)
-            if unpacked > MOST_UNPACKED * path.stat().st_size + 1e9:
-                raise ValueError(f"its {unpacked:.1e} bytes are a bomb")
-            matrix = load_npz(file)
-        if matrix.format in ("csr", "csc", "bsr"):  # else converting them crashes
-            matrix.check_format(full_check=True)
-    except DAMAGED as error:
-        raise ValueError(
-            f"{path}: no matrix of scipy.sparse.save_npz ({error}); write it again"
-        ) from None
-    return [Part("", path, check(path, matrix))]
-
-
 def read_triplets(
     path: Path, delimiter: str | None = None, size: int | None = None
 ) -> Part:
@@ -263,6 +243,7 @@ TEXTS: dict[str, Read] = {
     r"%%MatrixMarket\b.*": read_matrix_market,
     OP4_HEADER.pattern: read_op4,
     r"\s*(?:-?\d+\s*[ ,]\s*){2}(?:(?:-?\d+\s*[ ,]\s*){2})?[^\s,]+\s*": read_abaqus,
+    DENSE: read_dense,
 }
 # The third line of Harwell-Boeing: type, and numbers of rows, columns and entries.
 BOEING = r"[RCPIQ][SUHZR][AE]\s+\d+\s+\d+\s+\d+(\s+\d+)?\s*"
@@ -270,12 +251,24 @@ BOEING = r"[RCPIQ][SUHZR][AE]\s+\d+\s+\d+\s+\d+(\s+\d+)?\s*"
 OP4 = rb"(\x18\0\0\0|\0\0\0\x18).{24}\1.*|(\x30\0\0\0|\0\0\0\x30).{48}\2.*"
 BINARIES: dict[bytes, Read] = {  # the first bytes
     rb"PK\x03\x04.*": read_npz,
+    rb"\x93NUMPY.*": read_npy,
+    rb"MATLAB 5\.0 MAT-file.*": read_mat,
     rb".{8}\x04\0\0\0.*": read_full,
 }
 KNOWN_FORMATS = (
-    "Matrix Market, Harwell-Boeing, scipy.sparse.save_npz, Abaqus *MATRIX OUTPUT, "
-    "CalculiX .sti .mas .dof, Nastran DMIG and ASCII OP4, ANSYS .full"
+    "Matrix Market, Harwell-Boeing, MATLAB .mat, NumPy .npy .npz, CSV, Abaqus *MATRIX "
+    "OUTPUT, CalculiX .sti .mas .dof, Nastran DMIG and ASCII OP4, ANSYS .full"
 )
+HDF5 = rb"(MATLAB 7\.3 |\x89HDF\r\n\x1a\n).*"
+LIBRARIES = {  # that read matrices from other files, by their suffix
+    ".op2": "pyNastran",
+    ".h5": "h5py",
+    ".hdf5": "h5py",
+    ".xls": "pandas.read_excel",
+    ".xlsx": "pandas.read_excel",
+    ".rst": "PyMAPDL-Reader",
+    ".emat": "PyMAPDL-Reader",
+}
 
 
 def read_file(path: Path) -> list[Part]:
@@ -294,16 +287,27 @@ def read_file(path: Path) -> list[Part]:
             f"{path}: a binary OUTPUT4 file of Nastran is not read; write it as text, "
             f"ASSIGN OUTPUT4='{path.name}',UNIT=11,FORM=FORMATTED"
         )
-    if b"\0" in head:
+    suffix = path.suffix.lower()
+    if suffix == ".mat" and re.fullmatch(HDF5, head, re.S):
+        raise ValueError(
+            f"{path}: a MATLAB file of version 7.3, which scipy does not read; write "
+            f"save('{path.name}', 'K', 'M', '-v7') in MATLAB, or read it by h5py and "
+            "give the arrays to MatrixModel"
+        )
+    if b"\0" in head and suffix not in LIBRARIES:
         for start, read in BINARIES.items():
             if re.fullmatch(start, head, re.S):
                 return read(path)
+        if suffix == ".mat":  # of version 4, which has no name of its own
+            return read_mat(path)
     lines = head.decode("latin-1").splitlines()
     if len(lines) > 3 and re.fullmatch(BOEING, lines[2], re.I):
         return read_harwell_boeing(path)
     told = (x for x in lines if x.strip() and x[0] not in "$*")
     first = next(told, lines[0])
-    if path.suffix.lower() in {*CALCULIX.values(), ".dof"}:
+    if suffix == ".csv" and re.fullmatch(DENSE, first):  # it may look like Abaqus's
+        return read_dense(path)
+    if suffix in {*CALCULIX.values(), ".dof"}:
         if re.fullmatch(r"\s*\d+(\.\d+\s*| +\d+ .*)", first):  # a label, or an entry
             return read_calculix(path)
     for form, read in TEXTS.items():
@@ -312,4 +316,8 @@ def read_file(path: Path) -> list[Part]:
     if re.search(rb"^DMIG[*, ]", path.read_bytes(), re.M | re.I):
         return read_dmig(path)  # grid points and others may come first
     what = "binary content" if b"\0" in head else repr(first[:60])
-    raise ValueError(f"{path}: expected matrices in one of {KNOWN_FORMATS}; got {what}")
+    library = LIBRARIES.get(suffix, "the library of the program that wrote it")
+    raise ValueError(
+        f"{path}: expected matrices in one of {KNOWN_FORMATS}; got {what}. Read the "
+        f"file by {library}, and give the arrays to MatrixModel"
+    )

@@ -23,8 +23,9 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
     """Read stiffness and mass matrices exported by an FE program, with row labels.
 
     Use it to make a :class:`MatrixModel` from an FE program's files. The format is
-    recognised from the content: Matrix Market, ``scipy.sparse.save_npz``, Abaqus
-    ``*MATRIX OUTPUT``, CalculiX ``.sti .mas .dof``, Nastran DMIG and ASCII OP4,
+    recognised from the content: Matrix Market, MATLAB ``.mat`` up to version 7,
+    ``numpy.save`` and ``savez``, ``scipy.sparse.save_npz``, CSV tables of numbers,
+    Abaqus ``*MATRIX OUTPUT``, CalculiX ``.sti .mas .dof``, Nastran DMIG and ASCII OP4,
     Harwell-Boeing (HBMAT of ANSYS), ANSYS ``.full``. Rows keep the program's order. If
     the mass matrix was written without massless DOFs, it is filled up with rows of
     zeros. In a file with many matrices, only K and M must be valid; others that are not

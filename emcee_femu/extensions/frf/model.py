@@ -22,9 +22,9 @@ from ...contracts import (
 )
 from ...figures.style import BELOW, BLUE, Style, finish, subplots
 from ...likelihoods.term import MODEL_ERROR, Deviations, Term, error_array
-from ...models.coefficients import Unit
 from ...models.inputs import derive_along
 from ...models.matrix import AffineModel, StaticModel
+from ...models.sensors import Sensor
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import samples
 from ...results.measured import INTERVAL
@@ -282,16 +282,15 @@ def _build_static(model: object, rows: list[int], columns: list[int]) -> Static:
             f"whose stiffness gives the flexibility, got {type(model).__name__}; take "
             "more modes instead"
         )
-    dofs = model.rows
-    responses, excitations = ([dofs[i] for i in side] for side in (rows, columns))
-    loads = {str(dof): {dof: 1.0} for dof in excitations}
-    points, K = [*dict.fromkeys(responses)], dict[str, Unit](model.K)
-    for label, (_, function) in model.coefficients.parts[0].items():
-        if function is not None:
-            K[label] = model.K[label], function
-    static = StaticModel(model.K0, loads, K, points=points)
-    cases = [static.cases.index(str(dof)) for dof in excitations]
-    return static, cases, [static.points.index(dof) for dof in responses]
+    named: dict[Hashable, Mapping[Hashable, float]] = {}
+    for i in dict.fromkeys(rows + columns):
+        parts = model.sensors.combination(i)
+        named[str(i)] = {model.dofs[row]: factor for row, factor in parts.items()}
+    loads = {str(i): named[str(i)] for i in columns}
+    points: Mapping[Hashable, Sensor] = {str(i): named[str(i)] for i in rows}
+    static = model.static(loads, points=points)
+    cases = [static.cases.index(str(i)) for i in columns]
+    return static, cases, [static.sensors.labels.index(str(i)) for i in rows]
 
 
 class FRFTerm(Term):

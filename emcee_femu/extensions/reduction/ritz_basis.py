@@ -114,7 +114,7 @@ class RitzBasis:
         inside = np.array([T.T @ part @ T for part in self.inside])
         K, M = inside[: len(self.K)], inside[len(self.K) :]
         M[0] += self.added * np.eye(M.shape[1])  # where the energy A is the identity
-        return model.project(K, M, self.V[list(model.rows)] @ T)
+        return model.project(K, M, model.sensors.of(self.V) @ T)
 
     def matrices(self, small: Model, points: Floats) -> Matrices:
         """Return K and M of a model in a basis at points."""

@@ -1,0 +1,134 @@
+"""What sensors measure of a model: displacements at DOFs, and combinations of them."""
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks
+from ..contracts import Floats
+from ..measurements.modes import along_axis
+
+Sensor: TypeAlias = Hashable | Mapping[Hashable, float]  # a DOF, or {DOF: factor}
+Dofs: TypeAlias = (
+    Sequence[Hashable] | Mapping[Hashable, Hashable | Sensor] | NDArray[np.intp]
+)
+SIMILAR = 0.6  # of two labels, by difflib, above which one is proposed for the other
+FORM = "{'tip': {'2:ux': 0.87, '2:uy': 0.5}}"
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Sensors, each of which measures a DOF or a combination of some.
+
+    Attributes:
+        labels: Their names.
+        rows: The places among a model's DOFs that they read, each once.
+        factors: What each sensor measures of these, ``(n_sensors, n_rows)``; None where
+            each measures its own row.
+    """
+
+    labels: tuple[Hashable, ...]
+    rows: tuple[int, ...]
+    factors: Floats | None = None
+
+    def of(self, shapes: Floats) -> Floats:
+        """Return what they measure of ``(..., N, m)``, ``(..., n_sensors, m)``."""
+        read = shapes[..., list(self.rows), :]
+        return read if self.factors is None else np.asarray(self.factors @ read)
+
+    def combination(self, number: int) -> dict[int, float]:
+        """Return ``{row: factor}`` of one sensor."""
+        if self.factors is None:
+            return {self.rows[number]: 1.0}
+        pairs = zip(self.rows, self.factors[number].tolist(), strict=True)
+        return {row: factor for row, factor in pairs if factor}
+
+
+def choose_sensors(
+    argument: str, chosen: bool | Dofs, dofs: Sequence[Hashable]
+) -> Sensors:
+    """Return the requested sensors of a model.
+
+    Args:
+        argument: Its name, for messages.
+        chosen: False for none, True for one at each DOF, a sequence of DOFs in any
+            order, or ``{label: sensor}``, where a sensor is a DOF or a combination,
+            ``{DOF: factor}``. In a sequence, a DOF against its axis, ``"2:-ux"``, is
+            that along it, as measurements are turned.
+        dofs: All DOFs of the model, by number or by label.
+
+    Raises:
+        TypeError: If chosen is of another type, or a factor is no number.
+        ValueError: If a DOF does not exist or is repeated, a factor is zero or not
+            finite, or there are none.
+    """
+    if isinstance(chosen, bool | np.bool_):
+        return Sensors(tuple(dofs), tuple(range(len(dofs)))) if chosen else NONE
+    if isinstance(chosen, Mapping):
+        labels, wanted = list(chosen), list(chosen.values())
+    elif not isinstance(chosen, str) and np.ndim(np.asarray(chosen, dtype=object)) == 1:
+        labels = wanted = [along_axis(dof)[0] for dof in chosen]
+    else:
+        raise TypeError(
+            f"{argument}: expected True, False, DOFs or {FORM}, got {chosen!r}"
+        )
+    combined = [
+        {along_axis(x)[0]: along_axis(x)[1]} if not isinstance(x, Mapping) else x
+        for x in wanted
+    ]
+    for label, parts in zip(labels, combined, strict=True):
+        of = f"{argument}[{label!r}]" if isinstance(chosen, Mapping) else argument
+        if not parts:
+            raise ValueError(f"{of}: expected {{DOF: factor}}, got none")
+        for dof, factor in parts.items():
+            if isinstance(dofs, range):
+                checks.whole_number(of, dof)
+            if dof not in dofs:
+                raise ValueError(f"{of}: no DOF {dof!r}{propose(dof, dofs)}")
+            if not checks.real_number(of, factor):
+                raise ValueError(f"{of}: expected factors other than 0, got {parts}")
+    rows = [dofs.index(dof) for parts in combined for dof in parts]
+    factors = [float(factor) for parts in combined for factor in parts.values()]
+    if all(len(parts) == 1 for parts in combined) and {*factors} == {1.0}:
+        if len({*rows}) < len(rows):
+            raise ValueError(f"{argument}: expected DOFs, each once, got {wanted}")
+        return Sensors(tuple(labels), tuple(rows))
+    if not wanted:
+        raise ValueError(f"{argument}: expected DOFs, each once, got {wanted}")
+    places = tuple(dict.fromkeys(rows))
+    matrix = np.zeros((len(labels), len(places)))
+    which = np.repeat(np.arange(len(labels)), [len(parts) for parts in combined])
+    matrix[which, [places.index(row) for row in rows]] = factors
+    return Sensors(tuple(labels), places, matrix)
+
+
+NONE = Sensors((), ())
+
+
+def propose(dof: object, dofs: Sequence[Any]) -> str:
+    """Return the end of a message on a DOF that a model has not: what it may mean."""
+    if isinstance(dofs, range):
+        return f"; they are {dofs[0]} to {dofs[-1]}"
+    labels = {str(known).lower(): known for known in dofs}
+    near = get_close_matches(str(dof).lower(), labels, 1, SIMILAR)
+    node, _, direction = str(dof).partition(":")
+    nodes = list(dict.fromkeys(str(known).partition(":")[0] for known in dofs))
+    if direction and node not in nodes:
+        return f"; nodes with DOFs are {_range_of(nodes)}"
+    there = [str(known) for known in dofs if str(known).partition(":")[0] == node]
+    if near and near[0] == str(dof).lower() or not there:
+        guess = f"; did you mean {labels[near[0]]!r}?" if near else ""
+        return f"{guess} Nodes with DOFs are {_range_of(nodes)}"
+    return (
+        f"; node {node} has {' '.join(there)}, and a sensor in another direction is a "
+        f"combination of these, such as {FORM}"
+    )
+
+
+def _range_of(nodes: Sequence[str]) -> str:
+    """Return names in a few words."""
+    return ", ".join(nodes) if len(nodes) <= 3 else f"{nodes[0]} to {nodes[-1]}"
