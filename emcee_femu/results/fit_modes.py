@@ -41,7 +41,9 @@ def judge_modes(
     shaped = [r for r in own if r.kind == MODE and np.isfinite(r.mac)]
     if not shaped:
         return [*others, *own, *_judge_unpaired(experiment, stored, before)]
-    unlike = {id(r) for r in shaped if max(r.mac, r.mac_before) < UNLIKE}
+    # Parameters that follow a spurious mode make others unlike: the prior mean tells.
+    wrong = any(r.status == MISFIT or r.mac < UNLIKE for r in shaped)
+    unlike = {id(r) for r in shaped if wrong and r.mac_before < UNLIKE}
     # Many modes are unlike if the whole test is, or if a sensor is wrong.
     suspect = any(r.status == SUSPECT for r in own)
     if suspect or 2 * len(unlike) > max(len(shaped), 2):

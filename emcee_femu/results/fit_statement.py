@@ -176,7 +176,10 @@ def _name_misfits(
     alike = [r for r in records if r.status == RESEMBLES_NONE]
     suspected = {r.experiment for r in records if r.status == SUSPECT}
     for record in alike:
-        yield f"measured {_name_mode(record)} resembles no mode of the model"
+        text = f"measured {_name_mode(record)} resembles no mode of the model"
+        if record.mac > record.mac_before:
+            text += f" at the prior mean (MAC {record.mac_before:.2f})"
+        yield text
     found = list[tuple[float, str]]()
     for of_term in _by_term(records):
         off, whole = [r for r in of_term if r.status in OFF], of_term[0]
