@@ -26,16 +26,16 @@ DPI = 200
 def plot_frequencies(idata, height):
     """Draw the error of each frequency before and after updating."""
     before = ef.frequency_table(idata)
-    after = ef.predictive_table(idata)  # of the model, with 95 % intervals
+    after = ef.predictive_table(idata)  # with intervals of a new measurement
     measured = np.array(after.column("measured Hz"))
     columns = [before.column("prior mean Hz")[: len(measured)]]
-    columns += map(after.column, ["predicted Hz", "2.5 %", "97.5 %"])
+    columns += map(after.column, ["updated Hz", "2.5 %", "97.5 %"])
     initial, mean, low, high = 100 * (np.array(columns) / measured - 1)
     figure, axes = plt.subplots(figsize=(4.1, height), layout="constrained")
     place = np.arange(1, len(measured) + 1)
     axes.axhline(0, color="black", lw=0.8)
-    axes.vlines(place, low, high, color=BLUE, lw=5, label="updated model, 95 %")
-    axes.plot(place, mean, "o", mfc="white", mec=BLUE, ms=5, label="its mean")
+    axes.vlines(place, low, high, color=BLUE, lw=5, label="new measurement, 95 %")
+    axes.plot(place, mean, "o", mfc="white", mec=BLUE, ms=5, label="updated model")
     style = {"mfc": "white", "mec": RED, "ms": 7}
     axes.plot(place, initial, "D", label="before updating", **style)
     axes.set_xticks(place, [f"{i + 1}\n{f:.2f}" for i, f in enumerate(measured)])

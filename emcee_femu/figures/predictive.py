@@ -117,7 +117,8 @@ def _draw_deviations(axes: Axes, part: Measured, sd: Floats) -> None:
     if unit == "Hz":
         scale, unit = 100 / measured, "%"
     place = np.arange(len(measured))
-    mean, low, high = scale * (summarize(part.predicted) - measured)
+    _, low, high = scale * (summarize(part.predicted) - measured)
+    mean = scale * (part.updated - measured)
     before = scale * (part.initial - measured)
     band = np.abs(2 * scale * sd)
     stated = np.isfinite(band)
@@ -192,9 +193,11 @@ def _draw_intervals(
 def plot_tae(
     idata: object, posterior: LogPosterior | None = None, experiment: str | None = None
 ) -> Figure:
-    """Draw the total average error of the running mean (Figs 4.3, 5.4).
+    """Draw the total average error at the running mean (Figs 4.3, 5.4).
 
-    It shows how many generations the mean needs to settle, and takes up to 200 solves.
+    It is the mean error of the frequencies at the mean of the parameters, as in the
+    paper, and not of the updated ones of :func:`frequency_table`. It shows how many
+    generations the mean needs to settle, and takes up to 200 solves.
 
     Args:
         idata: The result of :func:`run`, without its burn-in, or what

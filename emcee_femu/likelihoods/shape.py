@@ -12,6 +12,7 @@ from ..contracts import Floats, PairedSolution, Parameters, Response, Variable, 
 from ..measurements import Measurements
 from ..measurements.modes import compares, doubt_percent
 from ..models.paired import at_sensors
+from .residuals import MODE, SENSOR, ComparedShapes, Residuals
 from .term import MOST_RELATIVE, Deviations, Term, error_array, log_normal
 
 # In words and as a formula in HTML, for reports, with the symbol of its error.
@@ -30,6 +31,7 @@ BY_MAC = (
     "δ<sup>2</sup>) + ½ (<i>n</i><sub>s</sub> − 1) ln 2π δ<sup>2</sup>]",
     "δ",
 )
+TINY = np.finfo(float).tiny
 
 
 class ShapeTerm(Term):
@@ -96,13 +98,15 @@ class ShapeTerm(Term):
         name: str = "shape",
     ) -> None:
         self.dofs = None
+        self._sensors: tuple[str, ...] = ()
         if isinstance(measured, Measurements):
             if measured.shapes is None:
                 raise ValueError("measured: these measurements have no shapes")
             if delta is None and discrepancy is None and sd is None:
                 if measured.shape_sd is not None:  # that of a missing sensor is unused
                     sd = np.nan_to_num(measured.shape_sd, nan=1.0)
-            self.dofs, measured = measured.dofs, measured.shapes
+            self.dofs, self._sensors = measured.dofs, measured.sensor_labels
+            measured = measured.shapes
         shapes = checks.numeric_array("measured", measured)
         self.there = there = ~np.isnan(shapes)
         filled = np.where(there, shapes, 0.0)
@@ -158,6 +162,48 @@ class ShapeTerm(Term):
         ``sd``, shapes are first divided by it, and the components are multiplied by the
         length of the measured shape.
         """
+        measured, unit, size, _ = self._weigh(response)
+        # A Householder reflection takes the measured shape to its first sensor.
+        mirror = measured.copy()
+        count, modes = self.there.cumsum(axis=0), np.arange(self.n_modes)
+        first, second = ((count == i).argmax(axis=0) for i in (1, 2))
+        mirror[first, modes] += np.copysign(1.0, mirror[first, modes])
+        mirror /= np.linalg.norm(mirror, axis=0)
+        turned = unit - 2 * mirror * (mirror * unit).sum(axis=1, keepdims=True)
+        # A shape of zeros has a MAC of 0.
+        turned[:, second, modes] += ~unit.any(axis=1)
+        r = (turned * size)[:, self._across]
+        return r, np.broadcast_to(self.spread(parameters), r.shape)
+
+    def residuals(self, parameters: Parameters, response: Response) -> Residuals:
+        """Return what of each measured shape the model's does not explain, by sensor.
+
+        The model's shape is scaled to fit best, which takes one degree of freedom of
+        each mode. The sum of squares over the sensors is that of the deviations.
+        """
+        measured, unit, size, mac = self._weigh(response)
+        off = measured - unit * (unit * measured).sum(axis=1, keepdims=True)
+        sd = np.ones(self.n_modes) if self.delta is None else self.delta
+        if self.discrepancy is not None:
+            sd = np.asarray(self.spread(parameters))[:, :, None]
+        z = (off * size / sd)[:, self.there]
+        labels = np.array(self._sensors or range(1, 1 + len(self.measured)))
+        sensor, mode = np.nonzero(self.there)
+        places = {MODE: mode + 1, SENSOR: labels[sensor]}
+        both = ComparedShapes(measured[self.there], unit[:, self.there], mac)
+        return Residuals(z, z, self.discrepancy is not None, places, both)
+
+    def _weigh(self, response: Response) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return measured shapes and the model's at the sensors, both of unit length.
+
+        They are divided by the standard deviations of the sensors first, if these are
+        known. The model's have the side of the measured ones; one of zeros stays so.
+
+        Returns:
+            Measured ``(n_sensors, n_modes)``, the model's ``(n, n_sensors, n_modes)``,
+            what multiplies deviations: 1, or the lengths ``(n_modes,)``; and the MAC
+            ``(n, n_modes)``.
+        """
         shapes: Floats = read(response, "shapes")
         if shapes.ndim != 3 or shapes.shape[2] < self.n_modes:
             raise ValueError(
@@ -173,17 +219,11 @@ class ShapeTerm(Term):
         length = np.sqrt((weighted**2).sum(axis=1))
         scale = np.divide(side, length, out=np.zeros_like(length), where=length > 0)
         size = np.linalg.norm(measured, axis=0)
-        # A Householder reflection takes the measured shape to its first sensor.
-        mirror = measured / size
-        count, modes = self.there.cumsum(axis=0), np.arange(self.n_modes)
-        first, second = ((count == i).argmax(axis=0) for i in (1, 2))
-        mirror[first, modes] += np.copysign(1.0, mirror[first, modes])
-        mirror /= np.linalg.norm(mirror, axis=0)
-        unit = weighted * scale[:, None]
-        turned = unit - 2 * mirror * (mirror * unit).sum(axis=1, keepdims=True)
-        turned[:, second, modes] += length == 0  # a shape of zeros has a MAC of 0
-        r = (turned * (1.0 if self.sd is None else size))[:, self._across]
-        return r, np.broadcast_to(self.spread(parameters), r.shape)
+        factor = np.ones(self.n_modes) if self.sd is None else size
+        there = np.where(self.there, shapes, 0.0)
+        lengths = (self.measured**2).sum(axis=0) * (there**2).sum(axis=1)
+        mac = (there * self.measured).sum(axis=1) ** 2 / np.fmax(lengths, TINY)
+        return measured / size, weighted * scale[:, None], factor, mac
 
     @property
     def _across(self) -> NDArray[np.bool_]:

@@ -28,6 +28,7 @@ from ..contracts import (
     show_declared,
 )
 from ..contracts import read as read_variable
+from .residuals import Residuals
 
 Deviations: TypeAlias = tuple[Floats, Floats]  # r and sd, (n, m) each
 Values = TypeVar("Values", Floats, NDArray[np.complex128])
@@ -35,6 +36,7 @@ Values = TypeVar("Values", Floats, NDArray[np.complex128])
 # An inferred error of zero, where a search may stand on the bound of a prior: its
 # likelihood overflows to zero, and is not undefined.
 LEAST_SD = 1e-160
+SAME_SD = 1e-9  # relative, by which equal standard deviations may differ
 # What to advise for an inferred relative error. A half-normal has density at zero,
 # where the likelihood has a spike if the parameters fit all data; the long tail of
 # lognorm(1, scale=0.005) leaves standard deviations unknown where data are few.
@@ -103,6 +105,27 @@ class Term:
         The log-likelihood is the sum of those of N(r; 0, sd), up to a constant.
         """
         return None
+
+    def residuals(self, parameters: Parameters, response: Response) -> Residuals | None:
+        """Return deviations over their standard deviations, by datum where possible.
+
+        None if the term is not Gaussian. Where deviations are combinations of data, as
+        with a covariance, each datum has its own standard deviation and residual.
+        """
+        pair = self.deviations(parameters, response)
+        if pair is None:
+            return None
+        r, sd = map(np.asarray, pair)
+        by_datum = independent = r / sd
+        axes = np.eye(r.shape[1])
+        # One row for each deviation: how it moves the data, which is linear.
+        ends = None if self.separate else self.restore(np.vstack([0 * axes[:1], axes]))
+        restored = None if ends is None else self.restore(r)
+        if ends is not None and restored is not None:
+            ends, restored = ends.reshape(len(ends), -1), restored.reshape(len(r), -1)
+            by_datum = (restored - ends[0]) / np.sqrt(sd**2 @ (ends[1:] - ends[0]) ** 2)
+        inferred = bool((np.ptp(sd, axis=0) > SAME_SD * sd[0]).any())
+        return Residuals(independent, by_datum, inferred, {})
 
     def spread(self, parameters: Parameters) -> Floats | float:
         """Return the standard deviations, the stated and the inferred one together.

@@ -149,6 +149,12 @@ class Measurements(Report):
         return self.sensors if self.dofs is None else self.dofs.tolist()
 
     @property
+    def sensor_labels(self) -> tuple[str, ...]:
+        """What statements call the sensors: their DOFs by label, else their names."""
+        labelled = self.dofs is not None and self.dofs.dtype.kind == "U"
+        return tuple(map(str, self._labels if labelled else self.sensors))
+
+    @property
     def compared(self) -> Floats:
         """Shapes by which a MAC compares modes, ``(n_sensors, n_modes)``.
 

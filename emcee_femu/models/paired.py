@@ -139,6 +139,7 @@ class PairedModel:
                 "reference={parameter: value}, where the model's own are taken"
             )
         self.model, self.measurements = model, test
+        self.by_reference = reference is not None  # the shapes are the model's own
         n_modes = test.n_modes
         wanted = 2 * n_modes if candidates is None else candidates
         self.candidates = checks.whole_number("candidates", wanted, n_modes)

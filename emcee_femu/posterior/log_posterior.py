@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
-from typing import Any, Literal, Self, TypeAlias
+from typing import Any, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,7 @@ from ..contracts import (
     Model,
     Parameters,
     Prior,
+    Response,
     SolveError,
     Variable,
     read_declared,
@@ -27,6 +28,8 @@ from .experiments import Experiment, Solved, Terms, Tests, check_joint, name_set
 from .priors import IndependentPrior, prior_centre, prior_scale, tabulate_prior
 
 Units: TypeAlias = Mapping[str, str] | None  # by the names of parameters
+Kept = TypeVar("Kept")
+ANSWERS_KEPT = 4  # answers for each experiment
 TRIED_DRAWS = 256  # of the prior, of which one must be possible to know the blobs
 
 # The columns that begin each row, whatever the terms.
@@ -232,6 +235,7 @@ class LogPosterior(Report):
         self.units = checks.units_by_name("units", units, prior.names)
         self.prior, self.names, self.ndim = prior, prior.names, len(prior.names)
         self._recalled: dict[bytes, Floats] = {}
+        self._answered: dict[tuple[str, bytes], Any] = {}
         self.experiments = tuple(Experiment(name, *pairs[name]) for name in pairs)
         self.terms = tuple(term for e in self.experiments for term in e.terms)
         labels = [[e.full_name(n) for n in e.term_names] for e in self.experiments]
@@ -486,6 +490,28 @@ class LogPosterior(Report):
         if key not in self._recalled:
             self._recalled[key] = self(theta)
         return self._recalled[key]
+
+    def answer(self, theta: Floats, experiment: Experiment) -> Response:
+        """Return a model's response to ``theta (n, d)``, solved only the first time."""
+
+        def solve() -> Response:
+            solved = experiment.solve(self.parameters(theta), self.names)
+            return solved.response
+
+        return self.remember(experiment.name, theta, solve)
+
+    def remember(self, what: str, theta: Floats, solve: Callable[[], Kept]) -> Kept:
+        """Return what was solved before at ``theta (n, d)``, or solve it now.
+
+        A few answers are kept, for what asks again about the same samples.
+        """
+        key = what, theta.tobytes()
+        if key not in self._answered:
+            if len(self._answered) >= ANSWERS_KEPT * len(self.experiments):
+                self._answered.clear()
+            self._answered[key] = solve()
+        kept: Kept = self._answered[key]
+        return kept
 
     def start(
         self, nwalkers: int, seed: int | np.random.SeedSequence | np.random.Generator

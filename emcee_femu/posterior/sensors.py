@@ -185,9 +185,7 @@ def weigh_sensors(
         return []
     close = np.flatnonzero(log_factors > most + np.log(FAULTY))
     turned = [every[i][1] for i in close if every[i][0] == TURNED]
-    test = paired.measurements
-    dofs = test.dofs
-    labels = test.sensors if dofs is None or dofs.dtype.kind != "U" else dofs.tolist()
+    labels = paired.measurements.sensor_labels
     return [
         SuspectSensor(
             experiment,

@@ -23,6 +23,7 @@ from .arviz_objects import Dataset, InferenceData, dataset, original_name
 FLAT = 1e-9  # sd of ln(lambda) of a mode that no parameter changes, but rounding
 ENOUGH_REGRESSED = 10_000  # samples in a fit; 3,000 gave the same gradients as 72,000
 ROUNDING = 1e-9  # by which the MAC of a shape with itself may be off
+INTERVAL = (0.025, 0.975)  # quantiles: 95 %
 GROUPS = ("observed_data", "response", "constant_data", "new_measurement")
 
 # Modes, gradients of ln(lambda) ``(m, d)``, R^2 of their fits, effects ``(d,)``.
@@ -66,6 +67,22 @@ class Measured:
     def quantity(self) -> str:
         """Its name without that of the experiment."""
         return self.name.rpartition(".")[2]
+
+    @property
+    def updated(self) -> Floats:
+        """The updated values: means of the model's over all samples, ``(m,)``."""
+        return np.asarray(self.predicted.mean(axis=0))
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Whether each value is inside 95 % of new measurements, ``(m,)``.
+
+        That is between their 2.5 % and 97.5 % quantiles; of the model's own
+        predictions, where no new measurements are drawn.
+        """
+        new = self.predicted if self.replicated is None else self.replicated
+        low, high = np.quantile(new, INTERVAL, axis=0)
+        return np.asarray((low <= self.values) & (self.values <= high))
 
     def sd(self, posterior: LogPosterior | None) -> Floats:
         """Return the standard deviations of the measurement, NaN where unknown."""

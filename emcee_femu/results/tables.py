@@ -1,6 +1,7 @@
 """Tables of parameters, frequencies, other predictions and paired modes."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,10 @@ from .arviz_objects import (
     samples,
     unit_of,
 )
-from .measured import Measured, measured_frequencies, measured_variables
+from .identifiability import describe_samples
+from .measured import INTERVAL, Measured, measured_frequencies, measured_variables
 from .to_arviz import read_samples
 
-INTERVAL = (0.025, 0.975)
 OF_PRIOR = "prior mean", "error %", "sd/prior sd"  # columns
 # Of a Gaussian 8 % of the samples lie within a tenth of an sd of the mean.
 NEAR_MEAN, FEW_NEAR = 0.1, 0.01
@@ -43,8 +44,9 @@ def parameter_table(
     where it is known; the model before updating (the prior mean, or ``before``);
     posterior mean, its 95 % interval (the 2.5 % and 97.5 % quantiles), c.o.v. = sd /
     mean in percent, and the ratio of posterior to prior standard deviation: near 1 the
-    data said nothing about the parameter. Without a prior, as in objects of
-    ``arviz.from_emcee``, its columns are left out.
+    data said nothing about the parameter; it is that of :func:`identifiability`, of
+    logarithms where the prior is more symmetrical in them. Without a prior, as in
+    objects of ``arviz.from_emcee``, its columns are left out.
 
     Args:
         idata: What :func:`to_inference_data` returns or takes, such as a run.
@@ -84,11 +86,15 @@ def parameter_table(
     names, chains = samples(idata, var_names)
     draws = chains.reshape(-1, len(names))
     mean, low, high = summarize(draws)
-    sd = draws.std(axis=0, ddof=1)
+    sd, ratio = draws.std(axis=0, ddof=1), np.full(len(names), np.nan)
     units = [unit_of(idata, name) for name in names]
     prior = prior_constants(idata, names)
     start, initial = "prior mean", prior["initial"].values
-    prior_sd = prior["prior_sd"].values
+    known = np.isfinite(prior["prior_sd"].values)
+    if known.any():
+        about = describe_samples(idata, fitted=False)
+        ratios = dict(zip(about.names, about.sd_ratio, strict=True))
+        ratio = np.array([ratios.get(name, np.nan) for name in names])
     if before is not None:
         start, initial = "before", checks.numbers_by_name("before", before, names)
     truth = checks.numbers_by_name("true", {} if true is None else true, names)
@@ -103,10 +109,10 @@ def parameter_table(
         ("2.5 %", ".5g", low),
         ("97.5 %", ".5g", high),
         ("c.o.v. %", ".2f", 100 * sd / np.abs(mean)),
-        ("sd/prior sd", ".2f", sd / prior_sd),
+        ("sd/prior sd", ".2f", ratio),
     ]
     unknown = {*OF_TRUTH} if true is None else set[str]()
-    if np.isnan(prior_sd).all():
+    if not known.any():
         unknown |= {*OF_PRIOR}
     columns = [c for c in columns if c[0] not in unknown]
     for title, values in _columns(published):
@@ -130,15 +136,17 @@ def frequency_table(
     """Tabulate measured, initial and updated frequencies, as in Tables 4.2 and 5.2.
 
     The initial frequencies are those at the prior mean of the parameters. The updated
-    frequencies are those of the model at the posterior mean, as in the paper; this
-    takes one solve, the first time only. Without a posterior, which an ArviZ object
-    does not hold, they are the means of the predictions at all samples. Errors are
-    ``100 |f_m - f| / f_m``; the last row holds their mean, the total average error
-    (TAE).
+    frequencies are the means of the model's frequencies over all samples, as everywhere
+    in this package. Errors are ``100 |f_m - f| / f_m``; the last row holds their mean,
+    the total average error (TAE). The paper has the frequencies at the mean of the
+    parameters instead, which differ from the updated ones where the model is not
+    linear: with ``posterior``, further columns hold them and their errors, which takes
+    one solve, the first time only.
 
     Args:
         idata: The result of :func:`run` or :func:`to_inference_data`.
-        posterior: The sampled posterior, if idata is an ArviZ object.
+        posterior: The sampled posterior, for the frequencies at the mean of the
+            parameters; None to leave them out.
         published: Further columns, ``{title: one number per measured mode}``.
         experiment: Name of one experiment of a joint posterior.
 
@@ -160,15 +168,11 @@ def frequency_table(
         >>> table.column("mode")
         ['1', '2', '3', '4', '5', 'TAE']
     """
+    asked = posterior is not None
     idata, posterior = read_samples(idata, posterior)
     frequency = measured_frequencies(idata, experiment)
     measured, draws = frequency.values, frequency.predicted
-    m = len(measured)
-    updated, what = draws.mean(axis=0), "sample mean"
-    if posterior is not None:
-        at_mean = posterior.recall(samples(idata)[1].mean(axis=(0, 1)))
-        updated = at_mean[posterior.columns[frequency.variable]][:m]
-        what = "posterior mean"
+    m, updated = len(measured), frequency.updated
 
     def pad(values: Floats) -> Floats:
         return np.append(values, np.nan)
@@ -182,10 +186,15 @@ def frequency_table(
         ("measured Hz", ".3f", pad(measured)),
         ("prior mean Hz", ".3f", pad(frequency.initial)),
         ("error %", ".2f", with_tae(frequency.initial)),
-        (f"{what} Hz", ".3f", pad(updated)),
+        ("updated Hz", ".3f", pad(updated)),
         ("c.o.v. %", ".3f", pad(100 * draws.std(axis=0, ddof=1) / updated)),
         ("error % ", ".3f", with_tae(updated)),
     ]
+    if asked and posterior is not None:
+        row = posterior.recall(samples(idata)[1].mean(axis=(0, 1)))
+        at_mean = row[posterior.columns[frequency.variable]][:m]
+        columns.append(("at mean parameters Hz", ".3f", pad(at_mean)))
+        columns.append(("error %  ", ".3f", with_tae(at_mean)))
     for title, values in _columns(published):
         column = checks.numeric_array(f"published[{title!r}]", values)
         shapes, argument = ((m,), (m + 1,)), f"published[{title!r}]"
@@ -199,25 +208,27 @@ def frequency_table(
 def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Table:
     r"""Compare the measured values with the posterior's predictions, in a table.
 
-    There is one row per measured value: mean and 95 % interval (2.5 % and 97.5 %
-    quantiles) of the prediction, and whether the measured value lies inside. With a
-    posterior, which a run knows, the prediction is a new measurement, for frequencies
+    There is one row per measured value: the updated value, which is the mean of the
+    model's over all samples, the 95 % interval of a new measurement (its 2.5 % and 97.5
+    % quantiles), and whether the measured value lies inside, as :func:`diagnose` counts
+    it. For frequencies a new measurement is
 
     .. math:: \tilde f_i = f_i(\theta) + f_i^m (\eta_i + \sigma_d \varepsilon_i),
         \qquad \eta \sim N(0, R), \quad \varepsilon \sim N(0, I),
 
     with the measurement error R and the discrepancy :math:`\sigma_d` of the
     :class:`FrequencyTerm`. At least 95 % of the measured values should lie inside,
-    because the posterior was fitted to them. Without a posterior, the prediction is the
-    model's response, and the interval shows only the uncertainty of the parameters; the
-    measured value need not lie inside. The column ``sd`` holds :math:`f_i^m
-    R_{ii}^{1/2}` if it is known. If modes were paired, mean and 5 % quantile of the MAC
+    because the posterior was fitted to them. Where a term draws no new measurements,
+    the interval is that of the model alone: it shows only the uncertainty of the
+    parameters, and the measured value need not lie inside. The column is then named "in
+    the model's interval". With a posterior, which a run knows, the column ``sd`` holds
+    :math:`f_i^m R_{ii}^{1/2}`. If modes were paired, mean and 5 % quantile of the MAC
     are added. It takes no solves.
 
     Args:
         idata: The result of :func:`run` or :func:`to_inference_data`.
-        posterior: The sampled posterior, if idata is an ArviZ object; None for the
-            model's response only.
+        posterior: The sampled posterior, if idata is an ArviZ object; None to leave
+            out the standard deviations of the measurements.
 
     Returns:
         The table, one row per measured value.
@@ -244,25 +255,29 @@ def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Ta
             f"posterior: no term draws new measurements of {missing}, so that their "
             "error is not known; leave posterior out"
         )
-    posterior = None if missing else posterior
-    what = "a new measurement, with its error and the discrepancy"
-    if posterior is None:
-        what = "the model alone"
-    new = [p.predicted if posterior is None else p.replicated for p in parts]
-    draws = np.concatenate([each for each in new if each is not None], axis=1)
+    what, title_of_inside = (
+        "a new measurement, with its error and discrepancy",
+        "inside",
+    )
+    if missing:
+        parts = [replace(part, replicated=None) for part in parts]
+        what, title_of_inside = "the model alone", "in the model's interval"
+    new = [p.predicted if p.replicated is None else p.replicated for p in parts]
+    low, high = summarize(np.concatenate(new, axis=1))[1:]
+    updated = np.concatenate([part.updated for part in parts])
+    inside = np.concatenate([part.inside for part in parts])
     measured = np.concatenate([part.values for part in parts])
-    mean, low, high = summarize(draws)
     title, labels, unit = _name_rows(parts)
     spec = ".3f" if unit == " Hz" else ".5g"
     columns: list[Column] = [
         (title, "", labels),
         (f"measured{unit}", spec, measured),
-        (f"predicted{unit}", spec, mean),
+        (f"updated{unit}", spec, updated),
         ("2.5 %", spec, low),
         ("97.5 %", spec, high),
-        ("inside", "", np.where((low <= measured) & (measured <= high), "yes", "no")),
+        (title_of_inside, "", np.where(inside, "yes", "no")),
     ]
-    if posterior is not None:
+    if posterior is not None and not missing:
         sd = np.concatenate([part.sd(posterior) for part in parts])
         columns.insert(2, (f"sd{unit}", ".3g", sd))
     mac = np.concatenate([_summarize_mac(part) for part in parts], axis=1)

@@ -17,14 +17,21 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..contracts import Floats, Places, Variable
+from ..likelihoods.residuals import FitRecord
 from ..posterior.compatibility import RESERVED
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import KnownPrior, prior_centre, summarize_prior
 from ..search.record import Chains
 from .arviz_objects import Dataset, InferenceData, groups, is_arviz, samples, wrap
 from .chains import STORED, TOLD, read_chains
+from .fit import SOLVED_AGAIN, judge_data, write_records
 from .measured import ONE_NUMBER, Labelled, gather_by_terms, gather_observed
 
+FIT = "fit"  # attribute of the posterior group
+# Samples whose log-posterior is lower than the best one's by d and this have not
+# arrived: of a Gaussian it is lower by d / 2 on average, and by more than this once in
+# a thousand times.
+LOST = 5.0
 PRIOR_STORED = 1_000
 PREDICTIVE_DRAWS = 500  # which ArviZ draws in seconds
 
@@ -140,7 +147,8 @@ def to_inference_data(
             )
         data, posterior = wrap(_fixed_groups(source, {}, source.initial)), source
     elif names is None:
-        data, posterior = read_samples(source, posterior, discard, thin, "source", term)
+        told = "source", term, True
+        data, posterior = read_samples(source, posterior, discard, thin, *told)
     else:
         chains = read_chains(source, posterior, discard, thin, blobs=True)
         names = checks.parameter_names("names", names)
@@ -170,16 +178,21 @@ def read_samples(
     thin: int = 1,
     argument: str = "idata",
     term: str | None = None,
+    judged: bool = False,
 ) -> tuple[InferenceData, LogPosterior | None]:
     """Return the ArviZ object of any source of samples, and its posterior if known.
 
-    All tables and figures read samples through it.
+    All tables and figures read samples through it. If ``judged``, what samples say of
+    the data is stored too.
     """
     if not is_arviz(source):
         chains = read_chains(
             source, posterior, discard, thin, blobs=True, argument=argument
         )
-        return convert(chains, thin, term), chains.posterior
+        data = convert(chains, thin, term)
+        if judged and chains.posterior is not None:
+            data = store_fit(data, judge_samples(chains))
+        return data, chains.posterior
     if (discard or 0, thin, term) != (0, 1, None):
         raise ValueError(
             "discard, thin, term: expected 0, 1 and None for an ArviZ object, got "
@@ -249,6 +262,35 @@ def convert(chains: Chains, thin: int = 1, term: str | None = None) -> Inference
         datasets["posterior_predictive"] = pick_some(new) if term is None else new
     datasets["posterior"].attrs |= _attributes_of(chains)
     return wrap(datasets | fixed)
+
+
+def store_fit(data: InferenceData, records: Sequence[FitRecord]) -> InferenceData:
+    """Return an ArviZ object that holds what its samples say of the data."""
+    held = groups(data)
+    held["posterior"] = held["posterior"].assign_attrs({FIT: write_records(records)})
+    return wrap(held)
+
+
+def judge_samples(
+    chains: Chains, weights: Floats | None = None, solves: int = SOLVED_AGAIN
+) -> tuple[FitRecord, ...]:
+    """Return what samples say of the data, without those that have not arrived.
+
+    Args:
+        chains: With their blobs.
+        weights: Of the draws of a certificate, ``(n,)``.
+        solves: How many samples may be solved again.
+    """
+    if (posterior := chains.posterior) is None:
+        return ()
+    rows = _rows(chains, posterior).reshape(-1, posterior.row_size)
+    theta = chains.draws.reshape(-1, posterior.ndim)
+    kept = rows[:, 0] > rows[:, 0].max() - LOST - posterior.ndim
+    rows, theta = rows[kept], theta[kept]
+    if weights is not None:
+        weights = weights[kept]
+    initial = posterior.initial if chains.initial is None else chains.initial
+    return judge_data(posterior, theta, rows, initial, weights, solves)
 
 
 def pick_some(measurements: Dataset, weights: Floats | None = None) -> Dataset:

@@ -10,9 +10,10 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ..contracts import Floats
+from ..likelihoods.residuals import FitRecord
 from ..search.importance import GOOD_K, are_reliable
 from ..search.record import ENDED, Chains
-from ..table import Parts, Report, Table
+from ..table import Column, Parts, Report, Table
 from .burn_in import FEWEST_STEPS
 from .statistics import (
     MaximaWeights,
@@ -41,9 +42,9 @@ WALKERS_APART, TAU_OF_APART = 1.05, 50
 SD_KNOWN_TO = 0.1  # relative standard error of a standard deviation
 ERRORS_APART = 4.0  # between two estimates of a weight
 SMALL_WEIGHT = 0.005  # a weight, or a difference of two, that does not matter
-WEIGHT_KNOWN_TO = 0.0125  # standard error of a weight: four of them are 0.05
 ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays at a maximum
 MEAN_KNOWN_TO = 0.05  # sds, with the waits of walkers at places of poor acceptance
+WEIGHT_KNOWN_TO = MEAN_KNOWN_TO / ERRORS_APART  # standard error of a weight
 STUCK_BY_CHANCE = 0.05  # walkers that may not have moved yet in a short chain
 CONVERGED, MIXED, NOT_CONVERGED = "converged", "well mixed", "not converged"
 NO_CHAINS = "none"  # of a population, or of weighted draws
@@ -146,6 +147,8 @@ class Diagnosis(Report):
             "doubtful" (they do, but parameters are far from their prior, modes of the
             structure have changed places, or there were warnings about the model or
             the prior), "at a bound", "does not fit" or "not checked".
+        data: What the statement on the fit is made from: one record for each term,
+            mode, sensor, channel and so on; printed by ``data_table``.
         plain: Whether the samplers are emcee's own, without a LogPosterior.
         stopped: Why the run ended: "converged", "solves" or "steps"; empty if unknown.
     """
@@ -167,6 +170,7 @@ class Diagnosis(Report):
     chains: Statement = NOT_JUDGED
     search: Statement = NOT_JUDGED
     fit: Statement = NOT_JUDGED
+    data: tuple[FitRecord, ...] = ()
     plain: bool = False
     stopped: str = ""
     discard: int = 0
@@ -213,6 +217,27 @@ class Diagnosis(Report):
                 ("R-hat ensembles", ".3f", self.rhat_between),
             ],
         )
+
+    @property
+    def data_table(self) -> Table:
+        """chi^2 of each term and of its groups, and the range of a right model."""
+        names = [".".join(filter(None, (r.experiment, r.term))) for r in self.data]
+        judged = [f"{r.kind} {r.label}".rstrip() for r in self.data]
+        columns: list[Column] = [
+            ("term", "", names),
+            ("data", "", judged),
+            ("says", "", [r.status for r in self.data]),
+        ]
+        for title, spec, name in (
+            ("chi^2", ".3g", "chi2"),
+            ("mean", ".3g", "size"),
+            ("2.5 %", ".3g", "low"),
+            ("97.5 %", ".3g", "high"),
+            ("p", ".2g", "p"),
+            ("MAC", ".3f", "mac"),
+        ):
+            columns.append((title, spec, [vars(r)[name] for r in self.data]))
+        return Table.from_columns("What the samples say of the data", columns)
 
     def _parts(self) -> Parts:
         if self.chains.status != NO_CHAINS:

@@ -176,7 +176,11 @@ print(f"{points} points: a region of {3 / points:.1e} may be missed")
 # ## Fit: the right posterior of a wrong model
 #
 # `diagnosis.fit` compares the measurement with new measurements drawn from the
-# posterior, as {py:func}`~emcee_femu.predictive_table` does. Its status is "fits",
+# posterior, as {py:func}`~emcee_femu.predictive_table` does. And every term with
+# residuals is judged by their chi-squared, as a whole and by mode, sensor, channel and
+# so on: `diagnosis.data_table` prints it beside what a right model gives. Shapes that do
+# not fit are tried with each sensor put right ({py:func}`~emcee_femu.check_test`), and
+# what could not be judged is named. The status is "fits",
 # "doubtful" (all is inside, but a parameter is more than four prior standard deviations
 # from its prior mean, as with frequencies in rad/s; the response is the same at all
 # samples; modes of the structure have changed places since the prior mean, by the
@@ -201,9 +205,9 @@ print(*(fill(sentence, 80) for sentence in said), sep="\n\n")
 
 # %% [markdown]
 # The warning comes before any sampling ({doc}`/start/choose` says when). The statement
-# on the fit names one remedy: units, known standard deviations, or an inferred model
-# error. How often "converged" was right is on the page [How often is a converged run
-# right?](calibration.md).
+# on the fit names what is farthest out and the likeliest cause: a sensor, a spurious
+# mode, pairing, units, then the model and its error. How often both statements were
+# right is on the page [How often is a converged run right?](calibration.md).
 #
 # Sources: Beck and Au (2002),
 # [doi:10.1061/(ASCE)0733-9399(2002)128:4(380)](https://doi.org/10.1061/(ASCE)0733-9399(2002)128:4(380));

@@ -75,7 +75,7 @@ def test_all_that_is_known_of_a_run_is_in_its_report_and_nothing_is_elsewhere(wr
     page, idata = write(run, discard=10), ef.to_inference_data(run, discard=10)
     for table in (
         ef.parameter_table(idata),
-        ef.frequency_table(idata, run.posterior),
+        ef.frequency_table(idata),
         ef.predictive_table(idata, run.posterior),
         ef.pairing_table(idata),
         ef.identifiability(idata),

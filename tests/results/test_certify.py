@@ -442,7 +442,7 @@ def test_tables_show_the_weighted_draws_and_say_so(tmp_path):
     parameters, frequencies = ef.parameter_table(sealed), ef.frequency_table(sealed)
     np.testing.assert_allclose(parameters.column("mean"), exact, rtol=1e-4)
     assert parameters.column("97.5 %")[0] == pytest.approx(quantile, rel=0.01)
-    means = frequencies.column("sample mean Hz")[:2]
+    means = frequencies.column("updated Hz")[:2]
     expected = found.weights @ true / len(found.theta)
     np.testing.assert_allclose(means, expected, rtol=1e-4)
     said = parameters, frequencies, ef.predictive_table(sealed)

@@ -164,9 +164,11 @@ def test_all_that_takes_an_arviz_object_takes_a_run(runs):
     backends = ef.to_inference_data(backends, POSTERIOR, runs.burn_in)
     for function in (ef.diagnose, ef.identifiability, ef.parameter_table):
         assert str(function(runs)) == str(function(idata))
-    for function in (ef.frequency_table, ef.predictive_table):
-        for source in (idata, backends):
-            assert str(function(runs)) == str(function(source, POSTERIOR))
+    for source in (idata, backends):
+        of_run = ef.predictive_table(runs), ef.frequency_table(runs, POSTERIOR)
+        assert str(of_run[0]) == str(ef.predictive_table(source, POSTERIOR))
+        assert str(of_run[1]) == str(ef.frequency_table(source, POSTERIOR))
+    assert str(ef.frequency_table(runs)) == str(ef.frequency_table(idata))
     one, other = ef.figures.plot_tae(runs), ef.figures.plot_tae(idata, POSTERIOR)
     assert_array_equal(*(f.axes[0].get_lines()[0].get_ydata() for f in (one, other)))
 

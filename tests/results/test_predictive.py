@@ -48,10 +48,10 @@ def test_intervals_of_the_model_alone_are_the_quantiles_of_its_predictions():
     assert table.column("mode") == ["1", "2", "3"]
     assert table.column("measured Hz") == MEASURED
     expected = np.array([9.0, 18.1, 40.2])
-    for title, level in (("predicted Hz", 0.5), ("2.5 %", 0.025), ("97.5 %", 0.975)):
+    for title, level in (("updated Hz", 0.5), ("2.5 %", 0.025), ("97.5 %", 0.975)):
         values = expected + level * spread[:3]
         assert_allclose(table.column(title), values, rtol=0, atol=0.01)
-    assert table.column("inside") == ["no", "yes", "no"]
+    assert table.column("in the model's interval") == ["no", "yes", "no"]
     assert "of the model alone" in table.title
 
 
@@ -65,7 +65,7 @@ def test_a_new_measurement_has_measurement_error_and_discrepancy():
     total = np.sqrt(0.1**2 + sd**2 + (0.01 * np.array(MEASURED)) ** 2)
     table = ef.predictive_table(idata, with_both)
     assert_allclose(table.column("sd Hz"), sd, rtol=1e-12)
-    assert_allclose(table.column("predicted Hz"), MEASURED, rtol=0, atol=0.01)
+    assert_allclose(table.column("updated Hz"), MEASURED, rtol=0, atol=0.01)
     assert_allclose(widths(table), WIDTH * total, rtol=0, atol=0.04 * total.max())
     middle = np.add(table.column("97.5 %"), table.column("2.5 %")) / 2
     assert_allclose(middle, MEASURED, rtol=0, atol=0.02 * total.max())
@@ -119,7 +119,7 @@ def test_other_variables_are_tabulated_where_they_were_measured():
     table = ef.predictive_table(ef.to_inference_data(run, discard=200))
     assert table.column("point") == ["1", "3"]
     mean, sd = 5.4 / 5.01, 501**-0.5
-    assert_allclose(table.column("predicted mm"), [mean, 2 * mean], rtol=0.004)
+    assert_allclose(table.column("updated mm"), [mean, 2 * mean], rtol=0.004)
     assert_allclose(widths(table), WIDTH * np.array([sd, 2 * sd]), rtol=0.08)
     modal = ef.FunctionModel(lambda p: [10 * p["a"]], n_modes=1)
     term = ef.FrequencyTerm([11.0], relative_sd=0.1)

@@ -248,16 +248,17 @@ def test_a_table_solves_once_and_not_again_after_a_resumed_run(tmp_path):
         return frequencies(p)
 
     options = {**DEMC, "steps": 20, "backend": tmp_path / "run"}
-    run, _ = doubts(posterior_of(model=counted), **options)
-    again, _ = doubts(posterior_of(model=counted), **options, resume=True)
+    posterior = posterior_of(model=counted)
+    run, _ = doubts(posterior, **options)
+    again, _ = doubts(posterior, **options, resume=True)
     for each in (run, again):
         spent = len(asked)
         ef.parameter_table(each)
         ef.predictive_table(each)
         assert len(asked) == spent
-        first = str(ef.frequency_table(each))
-        assert str(ef.frequency_table(each)) == first
-        assert len(asked) == spent + 1  # at the posterior mean
+        first = str(ef.frequency_table(each, posterior))
+        assert str(ef.frequency_table(each, posterior)) == first
+        assert len(asked) <= spent + 1  # at the mean of the parameters
     assert asked.count((50, 10)) == 1
 
 
@@ -298,9 +299,11 @@ def test_steps_that_are_dropped_say_nothing_of_the_fit(good):
     idata = ef.to_inference_data(good[0])
     for group in ("response", "new_measurement"):
         if group in idata:
-            idata[group]["frequency"][:, :108] *= 2.0
+            idata[group]["frequency"][:, :112] *= 2.0
+    # Of 456 draws the last 8 are right, fewer than the 2.5 % below an interval.
+    idata = idata.isel(draw=[*range(112)] * 4 + [*range(112, 120)])
     assert ef.diagnose(idata).fit.status == "does not fit"
-    assert ef.diagnose(idata, 108).fit.status == "fits"
+    assert ef.diagnose(idata, 448).fit.status == "fits"
 
 
 def test_an_error_that_surprises_does_not_fit_though_it_covers_all():

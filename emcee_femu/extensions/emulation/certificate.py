@@ -8,7 +8,7 @@ import numpy as np
 from ...contracts import Floats, Reported
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import InferenceData, groups, unit_of, wrap
-from ...results.to_arviz import convert, pick_some
+from ...results.to_arviz import convert, judge_samples, pick_some, store_fit
 from ...search.importance import GOOD_K
 from ...search.record import Chains
 from ...table import Parts, Report, Table, unit_column
@@ -190,7 +190,11 @@ class Certificate(Report):
         return self.table, self.verdict, *self.findings
 
     def sealed(
-        self, posterior: LogPosterior, rows: Floats, log_emulated: Floats
+        self,
+        posterior: LogPosterior,
+        rows: Floats,
+        log_emulated: Floats,
+        again: int = 0,
     ) -> "Certificate":
         """Return the certificate with the ArviZ object for further work.
 
@@ -200,6 +204,7 @@ class Certificate(Report):
             posterior: The true posterior.
             rows: Rows of the true posterior at the solved draws, ``(n, columns)``.
             log_emulated: The emulated log-posterior there, ``(n,)``.
+            again: How many of these draws may be solved again to judge the fit.
         """
         import xarray
 
@@ -219,10 +224,11 @@ class Certificate(Report):
                 kind="weighted",
                 seed="unknown (solved at chosen draws)",
                 origin="draws of an emulated posterior, solved in full and weighted",
-                solves=self.solves,
+                solves=self.solves + again,
                 doubts=json.loads(attributes.get("doubts", "[]")),
             )
-            sealed = groups(convert(chains))
+            judged = judge_samples(chains, self.weights[possible], again)
+            sealed = groups(store_fit(convert(chains), judged))
             weight = ("chain", "draw"), self.weights[possible][None]
             sealed["sample_stats"] = sealed["sample_stats"].assign(weight=weight)
             if "new_measurement" in sealed:
@@ -244,4 +250,5 @@ class Certificate(Report):
                 "search": json.dumps(asdict(self.search)),
             },
         )
-        return replace(self, idata=wrap(sealed))
+        spent = self.solves + again * (self.short == CORRECTED)
+        return replace(self, idata=wrap(sealed), solves=spent)

@@ -18,7 +18,8 @@ from ...evaluation.samplers import check_progress, progress_bar
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import InferenceData, dataset, samples
 from ...results.diagnose import diagnose
-from ...results.to_arviz import check_sampled, read_samples
+from ...results.fit import SOLVED_AGAIN, needs_solves
+from ...results.to_arviz import check_sampled, to_inference_data
 from ...search.climbing import Maximum, climb
 from ...search.importance import GOOD_K, kish_share, smooth_tail
 from ...verdict.burn_in import FEWEST_STEPS
@@ -38,6 +39,7 @@ from .emulated_chain import (
 )
 
 FEWEST_SOLVES = 10
+JUDGED_SHARE = 10  # of the solves, at least, for each that judges the fit
 # Solves for the search: at most a quarter, and no more than these.
 SEARCH_SHARE, MOST_SEARCH_SOLVES = 4, 30
 FIRST_CLIMBS = 8  # starts that are sorted by height
@@ -150,7 +152,7 @@ def certify(
         >>> certificate.short, certificate.solves <= 60
         ('certified', True)
     """
-    idata, _ = read_samples(idata)
+    idata = to_inference_data(idata)
     check_sampled(posterior, samples(idata)[0])
     solves = checks.whole_number("solves", solves, FEWEST_SOLVES)
     seed = checks.whole_number("seed", seed)
@@ -172,7 +174,10 @@ def certify(
         most = min(solves // SEARCH_SHARE, MOST_SEARCH_SOLVES)
         maxima, lost = _look_elsewhere(chain, evaluator, most, rng)
         climbed = evaluator.failed
-        places, counts = chain.choose(solves - evaluator.solves, rng)
+        # Of a corrected posterior some are solved again, for what rows do not hold.
+        again = min(SOLVED_AGAIN, solves // JUDGED_SHARE)
+        again *= needs_solves(posterior)
+        places, counts = chain.choose(solves - evaluator.solves - again, rng)
         theta, emulated = chain.draws[places], chain.log_posterior[places]
         rows = np.array([row for _, row in sorted(evaluator.each(theta))])
     n, log_posterior = len(theta), rows[:, 0]
@@ -209,7 +214,7 @@ def certify(
         notes=(*warned, *notes),
         idata=idata,
     )
-    return certificate.sealed(posterior, rows, emulated)
+    return certificate.sealed(posterior, rows, emulated, again)
 
 
 def _look_elsewhere(

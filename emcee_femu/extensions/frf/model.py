@@ -27,7 +27,7 @@ from ...models.matrix import AffineModel, StaticModel
 from ...models.sensors import Sensor
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import samples
-from ...results.tables import INTERVAL
+from ...results.measured import INTERVAL
 from ...results.to_arviz import read_samples
 from ...verdict.statistics import spread_out
 from .measurements import (

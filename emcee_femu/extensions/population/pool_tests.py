@@ -12,7 +12,7 @@ from ...posterior.log_posterior import LogPosterior
 from ...posterior.priors import GaussianPrior, IndependentPrior
 from ...results.arviz_objects import InferenceData, samples, unit_of
 from ...results.diagnose import diagnose
-from ...results.tables import INTERVAL
+from ...results.measured import INTERVAL
 from ...results.to_arviz import to_inference_data
 from ...sampling.record import Run
 from ...sampling.run import run

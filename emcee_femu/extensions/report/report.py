@@ -144,7 +144,7 @@ def report(
     held = groups(idata)
     measured = read_measured(idata)
     with_frequencies = _find_places((part.name for part in measured), "frequency")
-    frequencies = [frequency_table(idata, sampled, None, e) for e in with_frequencies]
+    frequencies = [frequency_table(idata, experiment=e) for e in with_frequencies]
     with_pairs = _find_places(map(str, held.get("response", ())), "mac")
     environment = Environment(autoescape=True, undefined=StrictUndefined)
     environment.filters |= {"show": _show, "draw": _draw}

@@ -1,0 +1,140 @@
+"""Measured modes that resemble none, modes not measured, and suspect sensors."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import chain
+
+import numpy as np
+
+from ..contracts import Batch, Floats
+from ..likelihoods.residuals import (
+    MISFIT,
+    MODE,
+    NOT_JUDGED,
+    RESEMBLES_NONE,
+    SENSOR,
+    SKIPPED,
+    SUSPECT,
+    TERM,
+    FitRecord,
+)
+from ..posterior.experiments import Experiment
+from ..posterior.log_posterior import LogPosterior
+from ..posterior.priors import prior_centre
+from ..posterior.sensors import suspect_sensors
+
+NEARLY_ALL = 0.9  # of the samples
+UNLIKE = 0.5  # a MAC below which two shapes have little in common
+SKIP_BETTER = 9.0  # times smaller squared errors: a third of the errors
+AND = " and "
+
+
+def judge_modes(
+    experiment: Experiment, stored: Batch, before: Batch, found: Sequence[FitRecord]
+) -> list[FitRecord]:
+    """Return the records with measured modes marked that resemble none of the model's.
+
+    Where no shapes are compared those of a :class:`.PairedModel` are, by its limit.
+    """
+    own = [r for r in found if r.experiment == experiment.name]
+    others = [r for r in found if r.experiment != experiment.name]
+    shaped = [r for r in own if r.kind == MODE and np.isfinite(r.mac)]
+    if not shaped:
+        return [*others, *own, *_judge_unpaired(experiment, stored, before)]
+    unlike = {id(r) for r in shaped if max(r.mac, r.mac_before) < UNLIKE}
+    # Many modes are unlike if the whole test is, or if a sensor is wrong.
+    suspect = any(r.status == SUSPECT for r in own)
+    if suspect or 2 * len(unlike) > max(len(shaped), 2):
+        unlike.clear()
+    own = [replace(r, status=RESEMBLES_NONE) if id(r) in unlike else r for r in own]
+    return [*others, *own]
+
+
+def _judge_unpaired(
+    experiment: Experiment, stored: Batch, before: Batch
+) -> Iterator[FitRecord]:
+    """Yield measured modes of a :class:`.PairedModel` that are not paired."""
+    paired = experiment.paired
+    if paired is None:
+        return
+    if not paired.by_reference:
+        yield FitRecord(
+            NOT_JUDGED,
+            experiment.name,
+            "measured shapes",
+            TERM,
+            reason="they pair modes, and no ShapeTerm compares them",
+        )
+    shares = (stored["mac"] < paired.min_mac).mean(axis=0)
+    unlike = np.flatnonzero(shares > NEARLY_ALL)
+    # Parameters that follow a spurious mode make others unlike.
+    spurious = np.flatnonzero(
+        (shares > NEARLY_ALL) & ~(before["mac"][0] > paired.min_mac)
+    )
+    unlike = spurious if len(spurious) else unlike
+    few = 2 * len(unlike) <= max(len(shares), 2)
+    record = FitRecord(RESEMBLES_NONE if few else MISFIT, experiment.name, "", MODE)
+    for i in unlike:
+        mac = float(stored["mac"][:, i].mean())
+        yield replace(record, label=str(i + 1), mac=mac, mac_expected=paired.min_mac)
+
+
+def find_skipped(
+    experiment: Experiment, stored: Batch, before: Batch, found: Sequence[FitRecord]
+) -> Iterator[FitRecord]:
+    """Yield a mode of the model that was not measured, where their order matters.
+
+    Without it the others agree far better, at the samples or at the prior mean.
+    """
+    observed = [term.observed for term in experiment.terms]
+    measured = [by_name["frequency"] for by_name in observed if "frequency" in by_name]
+    if experiment.paired is not None or "frequency" not in stored or not measured:
+        return
+    off = any(r.status == MISFIT for r in found if r.experiment == experiment.name)
+    inferred = any(t.discrepancy for t in experiment.terms)
+    m = len(measured[0])
+    for predicted in (stored["frequency"].mean(axis=0), before["frequency"][0]):
+        if len(predicted) <= m or not (predicted > 0).all() or not (off or inferred):
+            continue
+        apart = np.log(predicted[:, None] / measured[0]) ** 2
+        squares = [
+            apart[np.delete(np.arange(m + 1), j), np.arange(m)].sum()
+            for j in range(m + 1)
+        ]  # the last one leaves none out
+        j = int(np.argmin(squares))
+        if SKIP_BETTER * squares[j] < squares[m]:
+            yield FitRecord(SKIPPED, experiment.name, "", MODE, str(j + 1))
+            return
+
+
+def find_suspects(
+    posterior: LogPosterior, best: Floats, found: Sequence[FitRecord]
+) -> Iterator[FitRecord]:
+    """Yield sensors that explain shapes which do not fit; ``best`` is a sample."""
+    off = {
+        record.experiment
+        for record in found
+        if record.status == MISFIT
+        and (np.isfinite(record.mac) or record.kind == SENSOR)
+    }
+    if not off:
+        return
+    theta = np.array([prior_centre(posterior.prior), best])
+    try:
+        suspects, _ = posterior.remember(
+            SUSPECT, theta, lambda: suspect_sensors(posterior, theta)
+        )
+    except Exception:  # of any kind: it is the user's model
+        return
+    for suspect in chain.from_iterable(suspects):
+        if suspect.experiment in off:
+            yield FitRecord(
+                SUSPECT,
+                suspect.experiment,
+                "",
+                SENSOR,
+                AND.join(suspect.sensors),
+                mac=suspect.after,
+                mac_before=suspect.before,
+                reason=str(suspect),
+            )

@@ -1,0 +1,332 @@
+"""The statement on the fit: from records of what samples say of the data to words."""
+
+from collections.abc import Collection, Iterator, Sequence
+from itertools import groupby
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from ..likelihoods.residuals import (
+    MISFIT,
+    MODE,
+    NOT_JUDGED,
+    RESEMBLES_NONE,
+    SENSOR,
+    SKIPPED,
+    SUSPECT,
+    TERM,
+    FitRecord,
+)
+from ..posterior.log_posterior import LogPosterior
+from ..search.first_solve import doubt_units, is_constant, same_response
+from ..search.record import Chains
+from ..verdict.verdict import Statement
+from .arviz_objects import InferenceData
+from .fit import find_farthest
+from .fit_modes import AND
+from .identifiability import Identifiability, describe_samples
+from .measured import Measured, read_measured
+
+FAR_OUTSIDE = 4.0  # standard deviations of a new measurement, for a single value
+OUTSIDE_BY_CHANCE = 0.05  # of new measurements
+CHANCE = 0.02  # of so many values outside, if the posterior had not seen them
+OUTVOTED = 5  # times as many values in another term
+SMALL_MAXIMUM = 0.01  # weight of one whose modes do not matter
+WRONG = 2.0  # times what was measured, or its inverse: more than a model's error
+MOST_NAMED = 3  # terms that are described at length
+NOT_DRAWN = "no term draws new measurements of what the model stores"
+NO_DATA = "no term says what was measured; a bare log-likelihood cannot"
+NOT_KNOWN = "to_inference_data(source, posterior) has the data of a LogPosterior"
+DOES_NOT_FIT, NOT_CHECKED = "does not fit", "not checked"
+OFF = MISFIT, RESEMBLES_NONE
+LEAVE_OUT = "Leave it out, and ask whether it is a harmonic of a machine, or noise."
+CHECK_SENSORS = (
+    "turned round, exchanged with another, of another gain or unit, or at another "
+    "place? check_test(posterior) tries each."
+)
+PAIR = "Pair the modes by shape: PairedModel(model, ...)."
+OLD = (
+    "Not judged: data of which no new measurement is drawn. The object is of an "
+    "earlier version; convert its run again."
+)
+
+
+class _Replicates(NamedTuple):
+    """What new measurements say of those that were made.
+
+    Attributes:
+        inside: How many values are inside 95 % of them.
+        total: How many values there are.
+        names: Their variables.
+        far: The variables with values that are too far out, each with its farthest.
+        units: Doubts about their units.
+        wrong: Whether a value is off by a factor that no model's error explains.
+    """
+
+    inside: int
+    total: int
+    names: str
+    far: dict[str, str]
+    units: list[str]
+    wrong: bool
+
+
+def judge_fit(
+    idata: InferenceData | None, records: Sequence[FitRecord] | None, chains: Chains
+) -> Statement:
+    """Say whether the data are what the updated model makes likely.
+
+    Args:
+        idata: The samples with their response, None where nothing is known of it.
+        records: What they say of the data, None where that is not known.
+        chains: The chains from which they were read.
+    """
+    parts = [] if idata is None else read_measured(idata)
+    drawn = [part for part in parts if part.replicated is not None]
+    silent = [OLD] if records is None else [*_name_silent(records)]
+    records = records or ()
+    judged = [record for record in records if record.status != NOT_JUDGED]
+    recalled = [f"Before the run: {text.rstrip('.?')}?" for text in chains.doubts]
+    if not drawn and not judged:
+        known = idata is not None and "constant_data" in idata
+        reason = (NOT_DRAWN if parts else NO_DATA) if known else NOT_KNOWN
+        sentence = " ".join([f"{NOT_CHECKED}: {reason}.", *silent, *recalled])
+        return Statement(NOT_CHECKED, NOT_CHECKED, sentence)
+    about, new = describe_samples(idata, fitted=False), _compare_replicates(drawn)
+    missed = [*about.surprising, *new.far]
+    off = [r for r in judged if r.status in OFF]
+    suspects = [r for r in judged if r.status == SUSPECT]
+    sentence = "; ".join([*_count(new), *_name_misfits(judged, missed)]) + "."
+    pressed, swapped = about.find_pressed(), [*_find_swaps(chains)]
+    if missed or off:
+        likeliest = [*_name_causes(judged, missed), *swapped, *new.units]
+        others = [*_outvoted(chains.posterior, missed), *about.find_doubts(), *pressed]
+        last = [] if likeliest or others else [_advise(new.wrong, about)]
+        short = f"{new.total - new.inside} of {new.total} outside" if new.far else ""
+        short = short or (_shorten(off) if off else "a surprising error")
+        short = f"suspect: {suspects[0].label}" if suspects else short
+        words = [f"{DOES_NOT_FIT}: {sentence}", *likeliest, *others, *last, *silent]
+        return Statement(DOES_NOT_FIT, short, " ".join(words))
+    doubts = [*about.find_followed(), *swapped, *recalled]
+    still = [part for part in parts if is_constant(part.predicted)]
+    if np.ptp(chains.draws) and still:
+        label = ", ".join(part.name for part in still)
+        doubts.append(same_response(label, len(still[0].predicted)))
+    status, short = "fits", "inside"
+    if doubts:
+        status, short = "doubtful", "inside, but doubtful"
+    if pressed:
+        status = short = "at a bound"
+    words = [f"{short}: {sentence}", *pressed, *doubts, *silent]
+    return Statement(status, short, " ".join(words))
+
+
+def _compare_replicates(drawn: Sequence[Measured]) -> _Replicates:
+    inside = sum(int(part.inside.sum()) for part in drawn)
+    total = sum(len(part.values) for part in drawn)
+    chance = stats.binom.sf(total - inside - 1, total, OUTSIDE_BY_CHANCE)
+    far, units, wrong = {}, [], False
+    for part in drawn:
+        assert part.replicated is not None
+        mean, sd = part.replicated.mean(axis=0), part.replicated.std(axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            z = np.abs(part.values - mean) / sd
+            ratios = np.abs(np.log(np.abs(mean / part.values)))[~part.inside]
+        worst = int(np.argmax(z))
+        wrong |= bool(ratios.max(initial=0) > np.log(WRONG))
+        if z[worst] > FAR_OUTSIDE or (chance < CHANCE and not part.inside.all()):
+            far[part.name] = (
+                f"{part.name} of {part.dims} {part.labels[worst]} is farthest out "
+                f"(measured {part.values[worst]:.4g}, updated {part.updated[worst]:.4g}"
+                f"{f' {part.unit}'.rstrip()})"
+            )
+            if text := doubt_units(part.initial[None], part.values, part.unit):
+                units.append(f"At the prior mean {text}")
+    names = ", ".join(part.name for part in drawn)
+    return _Replicates(inside, total, names, far, units, wrong)
+
+
+def _count(new: _Replicates) -> Iterator[str]:
+    """Say how many values are inside, and which are farthest out."""
+    if new.total:
+        yield (
+            f"{new.inside} of {new.total} measured values ({new.names}) are inside "
+            "95 % of new measurements"
+        )
+    yield from new.far.values()
+
+
+def _name_silent(records: Sequence[FitRecord]) -> Iterator[str]:
+    """Name terms that say nothing of the fit, with the reason."""
+    silent = [record for record in records if record.status == NOT_JUDGED]
+    if silent:
+        words = [f"{_full_name(record)} ({record.reason})" for record in silent]
+        yield f"Not judged: {', '.join(words)}."
+
+
+def _full_name(record: FitRecord) -> str:
+    return f"{record.experiment}.{record.term}".strip(".")
+
+
+def _name_misfits(
+    records: Sequence[FitRecord], named: Collection[str]
+) -> Iterator[str]:
+    """Describe the terms, judged by chi^2, in words of the test; not those named."""
+    alike = [r for r in records if r.status == RESEMBLES_NONE]
+    suspected = {r.experiment for r in records if r.status == SUSPECT}
+    for record in alike:
+        yield f"measured {_name_mode(record)} resembles no mode of the model"
+    found = list[tuple[float, str]]()
+    for of_term in _by_term(records):
+        off, whole = [r for r in of_term if r.status in OFF], of_term[0]
+        surprising = whole.error in named
+        if not (off or surprising) or whole.kind != TERM or whole.variable in named:
+            continue
+        name = _full_name(whole)
+        text = f"{name} is off in some of its data, not in all"
+        if surprising:  # it absorbs the misfit
+            text = f"{name} fits by a large error only"
+        elif whole.error:
+            text = f"{name} is uneven, whatever its error is"
+        if whole.status == MISFIT:
+            text = (
+                f"{name} has a chi^2 of {whole.chi2:.3g} on {whole.size:.3g} (a right "
+                f"model gives {whole.low:.2g} to {whole.high:.2g})"
+            )
+        if where := _name_farthest(of_term, whole.experiment in suspected):
+            text += f", farthest out is {where}"
+        found.append((-whole.chi2 / whole.size, text))
+    yield from (text for _, text in sorted(found)[:MOST_NAMED])
+    unlike = [r for r in records if r.status == MISFIT and not r.term]
+    unpaired = [r for r in unlike if r.kind == MODE]
+    if unpaired:
+        words = ", ".join(map(_name_mode, unpaired))
+        yield f"measured modes that resemble none of the model: {words}"
+    if not (found or alike or named or unpaired):
+        for r in unlike:  # experiments, each for all its terms
+            yield f"{r.experiment} has a chi^2 of {r.chi2:.3g} on {r.size:.3g}"
+
+
+def _by_term(records: Sequence[FitRecord]) -> Iterator[list[FitRecord]]:
+    """Yield the records of each term, that of all its data first."""
+    for _, group in groupby(records, key=lambda r: (r.experiment, r.term)):
+        yield [*group]
+
+
+def _name_farthest(records: Sequence[FitRecord], suspected: bool) -> str:
+    """Name the groups of a term in which most of its chi^2 is."""
+    best = find_farthest(records)
+    modes = [r for r in records if r.kind == MODE and np.isfinite(r.mac)]
+    if not modes:
+        return " and ".join(f"{r.kind} {r.label}" for r in best)
+    # Of shapes the mode is named in any case, by its MAC.
+    lowest = min(modes, key=lambda r: r.mac)
+    words = f"the shape of {_name_mode(next((r for r in best if r in modes), lowest))}"
+    at = [r.label for r in best if r.kind == SENSOR and not suspected]
+    return f"{words}, most at {_name_sensors(at[0])}" if at else words
+
+
+def _name_sensors(label: str) -> str:
+    return f"sensors {label}" if AND in label else f"sensor {label}"
+
+
+def _name_mode(record: FitRecord) -> str:
+    modes = "modes" if " and " in record.label else "mode"
+    words = f"{modes} {record.label}"
+    if record.experiment:
+        words += f" of {record.experiment}"
+    if np.isfinite(record.mac):
+        words += f" (MAC {record.mac:.2f}, {record.mac_expected:.2f} expected)"
+    return words
+
+
+def _name_causes(records: Sequence[FitRecord], named: Collection[str]) -> Iterator[str]:
+    """Name what is likeliest wrong with the test: sensors, modes, pairing."""
+    suspects = [r for r in records if r.status == SUSPECT]
+    for r in suspects:
+        said = r.reason[0].upper() + r.reason[1:]
+        yield f"{said}. If it is so, put it right in what was measured."
+    known = {r.experiment for r in suspects}
+    alike = [r for r in records if r.status == RESEMBLES_NONE]
+    for r in alike:
+        yield f"Is measured mode {r.label} spurious? {LEAVE_OUT}"
+    for of_term in _by_term(records):
+        modes = [r for r in of_term if r.kind == MODE and np.isfinite(r.mac)]
+        off = of_term[0].error in named or any(r.status == MISFIT for r in of_term)
+        if not modes or not off:
+            continue
+        at = [r.label for r in find_farthest(of_term) if r.kind == SENSOR]
+        where = f" of {modes[0].experiment}" if modes[0].experiment else ""
+        if not alike and modes[0].experiment not in known:
+            which = _name_sensors(at[0]) if at else "one of the sensors"
+            yield f"Look at the sensors first: is {which}{where} {CHECK_SENSORS}"
+        if modes[0].term and not modes[0].paired:
+            yield PAIR
+    for r in records:
+        if r.status == SKIPPED:
+            where = f" of {r.experiment}" if r.experiment else ""
+            yield (
+                f"Mode {r.label} of the model{where} may not have been measured: the "
+                f"other frequencies agree far better without it. {PAIR}"
+            )
+
+
+def _shorten(off: Sequence[FitRecord]) -> str:
+    """Name in a few words what is off."""
+    for record in off:
+        if record.status == RESEMBLES_NONE:
+            return f"measured mode {record.label} resembles none"
+    named = [_full_name(record) for record in off if record.term]
+    return f"{named[0]} is off" if named else "measured shapes are off"
+
+
+def _advise(wrong: bool, about: Identifiability) -> str:
+    """Say what mends a misfit of which no cause is seen."""
+    if wrong:
+        return f"Units or the model are wrong: off by a factor above {WRONG:g}."
+    if about.is_error.any():
+        return "Improve the model: its error, which is inferred, does not explain this."
+    return "Improve the model, or infer its error (discrepancy=)."
+
+
+def _find_swaps(chains: Chains) -> Iterator[str]:
+    """Name modes of the structure that change places, by maximum of the posterior."""
+    if (search := chains.search) is None:
+        return
+    for experiment, found in search.followed.items():
+        for i, numbers in enumerate(found):
+            there = numbers != 1 + np.arange(len(numbers))
+            swapped = np.flatnonzero(there & (numbers > 0))
+            if not swapped.size or search.weights[i] < SMALL_MAXIMUM:
+                continue
+            moved = [f"{mode + 1} is number {numbers[mode]}" for mode in swapped]
+            where = f"maximum {i + 1}{f' of {experiment}' if experiment else ''}"
+            yield (
+                f"At {where} (weight {search.weights[i]:.2f}) modes of the structure "
+                "have changed places since the prior mean, by the model's shapes: mode "
+                f"{', mode '.join(moved)}. Pair them by shape: PairedModel(model, ...)."
+            )
+
+
+def _outvoted(posterior: LogPosterior | None, missed: Collection[str]) -> Iterator[str]:
+    """Name terms that do not fit, and those with far more values that outvote them.
+
+    These infer their own error, and so may claim as much as they like.
+    """
+    for experiment in posterior.experiments if posterior else ():
+        sizes = {
+            term: sum(v.size for v in (term.reads or {}).values())
+            for term in experiment.terms
+        }
+        for term, size in sizes.items():
+            names = {*map(experiment.full_name, term.observed), term.discrepancy}
+            for other, more in sizes.items():
+                claims = other.discrepancy and other.discrepancy not in missed
+                if names & {*missed} and claims and more >= OUTVOTED * size:
+                    yield (
+                        f"The {more} values of {other.name!r} outvote the {size} of "
+                        f"{term.name!r}, since their error is inferred: give "
+                        f"{other.name!r} known standard deviations (sd=), or a fixed "
+                        "delta."
+                    )
