@@ -36,13 +36,13 @@ from .likelihoods.shape import ShapeTerm as ShapeTerm
 from .measurements import Measurements as Measurements
 from .models.assembled import AssembledModel as AssembledModel
 from .models.frame import FrameModel as FrameModel
-from .models.frame import Section as Section
 from .models.function import FunctionModel as FunctionModel
 from .models.geometry import Geometry as Geometry
 from .models.mass_spring import MassSpringModel as MassSpringModel
 from .models.matrix import MatrixModel as MatrixModel
 from .models.matrix import StaticModel as StaticModel
 from .models.paired import PairedModel as PairedModel
+from .models.sections import Section as Section
 from .moves import DEMCMove as DEMCMove
 from .moves import IndependenceMove as IndependenceMove
 from .moves import MetropolisMove as MetropolisMove

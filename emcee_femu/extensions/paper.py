@@ -15,8 +15,9 @@ import numpy as np
 
 from ..contracts import Floats, Model
 from ..likelihoods.frequency import FrequencyTerm
-from ..models.frame import FrameModel, Section
+from ..models.frame import FrameModel
 from ..models.mass_spring import MassSpringModel
+from ..models.sections import Section
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import GaussianPrior
 from ..table import Column, Parts, Report, Table

@@ -10,7 +10,6 @@ rotary inertia of bending).
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -22,9 +21,21 @@ from ..contracts import Floats
 from .coefficients import Product, Unit
 from .geometry import Geometry
 from .matrix import AffineModel
+from .sections import (
+    DOFS,
+    PLANES,
+    Indices,
+    Place,
+    Property,
+    Scale,
+    Section,
+    Supports,
+    Term,
+    check_nodes,
+    read_property,
+)
 from .sensors import Dofs
 
-DOFS = ("ux", "uy", "uz", "rx", "ry", "rz")
 AXIAL, TORSION = [0, 6], [3, 9]
 ACROSS_Y, ACROSS_Z = [1, 7], [2, 8]
 BENDING_Y = [1, 5, 7, 11]  # displacement uy, rotation rz = +d uy / dx; resisted by Iz
@@ -43,85 +54,14 @@ UNIT_SWUNG = np.array(
 )
 UNIT_SWUNG /= 420
 
-# Properties that may be zero, as those of a bar in a truss: it has no stiffness there.
-MAY_BE_ZERO = ("GJ", "Iy", "Iz")
 MOST_DENSE = 200  # DOFs, above which a sparse solve is the faster one
 
-Property: TypeAlias = float | str | tuple[float, str]
 Offset: TypeAlias = Sequence[float] | None
 Element: TypeAlias = tuple[int, int, str] | tuple[int, int, str, tuple[Offset, Offset]]
 Mass: TypeAlias = tuple[Any, ...]  # node, mass, offset, inertia; the last two may lack
 Spring: TypeAlias = tuple[int, int | None, Mapping[str, Property]]
-Term: TypeAlias = tuple[str, ...]  # the parameters whose product multiplies a matrix
-Scale: TypeAlias = tuple[float, Term]  # a number, times a product
-Indices: TypeAlias = NDArray[np.intp]
 # What is added to the matrix of each term: rows, columns and entries, (3, m) each.
 Pieces: TypeAlias = dict[Term, list[Floats]]
-
-
-@dataclass(frozen=True)
-class Section:
-    """Properties of a bar.
-
-    Each is a number, the name of a parameter, or ``(number, name)``: the number times
-    the parameter, for a factor on a nominal value.
-
-    Args:
-        E: Young's modulus, N/m2.
-        GJ: Torsional stiffness, N m2.
-        rho: Density, kg/m3.
-        A: Area, m2.
-        Iy: Second moment of area for bending in the local x-z plane, m4.
-        Iz: Second moment of area for bending in the local x-y plane, m4. With GJ, Iy
-            and Iz of 0.0 it is a bar of a truss, which stays straight.
-        orientation: A vector whose part normal to the bar is local y; local x runs
-            along the bar. The default is global z.
-        Ip: What resists twisting by its inertia, m4; None for Iy + Iz. Give it where Iy
-            or Iz are factors of a stiffness, and no mass changes with them.
-
-    Raises:
-        TypeError: If a property is of none of these forms.
-        ValueError: If a number is not above zero (GJ, Iy, Iz may be zero), or
-            orientation is not (3,) or zero.
-
-    Examples:
-        >>> from emcee_femu import Section
-        >>> bar = Section(E="E", GJ=700.0, rho=2700.0, A=3e-4, Iy=2e-9, Iz=(2e-9, "f"))
-        >>> sorted(bar.parameters)
-        ['E', 'f']
-    """
-
-    E: Property
-    GJ: Property
-    rho: Property
-    A: Property
-    Iy: Property
-    Iz: Property
-    orientation: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    Ip: Property | None = None
-
-    def __post_init__(self) -> None:
-        """Check the properties."""
-        for name, value in self.properties.items():
-            _read_property(name, value, zero=name in MAY_BE_ZERO)
-        if not checks.shaped_array("orientation", self.orientation, (3,)).any():
-            raise ValueError("orientation: expected a vector that is not zero")
-
-    @property
-    def properties(self) -> dict[str, Property]:
-        """All but the orientation, by name, Ip if it is given."""
-        left_out = {"orientation", "Ip" if self.Ip is None else ""}
-        return {k: value for k, value in vars(self).items() if k not in left_out}
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """The names of parameters among the properties."""
-        return tuple(name for _, names in self.read().values() for name in names)
-
-    def read(self) -> dict[str, Scale]:
-        """Return the number of each property that is not 0, and its parameter."""
-        read = {k: _read_property(k, v, True) for k, v in self.properties.items()}
-        return {name: scale for name, scale in read.items() if scale[0]}
 
 
 class FrameModel(AffineModel):
@@ -139,25 +79,30 @@ class FrameModel(AffineModel):
     once, ``model.K["E"]`` or ``model.K["E * I"]``. So the model is a
     :class:`MatrixModel` in all else: a batch is solved at once, :func:`reduce_model`
     takes it, its derivatives are exact. With more than 200 free DOFs, or some without
-    mass, each set is solved by itself, with sparse matrices. In a plane frame supports
-    hold uz, rx and ry of every node.
+    mass, each set is solved by itself, with sparse matrices.
+
+    **A plane frame** is ``plane="xy"`` (or ``"xz"``, ``"yz"``): nodes of two
+    coordinates, sections of E, rho, A and one second moment of area I, offsets of two
+    components, one moment of inertia of a point mass. DOFs out of the plane do not
+    exist.
 
     Args:
-        nodes: Coordinates in m, ``(n_nodes, 3)``.
+        nodes: Coordinates in m, ``(n_nodes, 3)``, or ``(n_nodes, 2)`` in a plane.
         elements: ``(node, node, section name)`` each; nodes count from 0. With a fourth
             entry, ``(offset, offset)``, the ends of the bar are held by rigid arms:
             vectors in m from either node to its end, in global axes, or None.
         sections: ``{name: Section}``.
-        supports: ``{node: held DOFs}`` out of ux uy uz rx ry rz; ``"all"`` holds six.
+        supports: ``{node: held DOFs}`` out of ux uy uz rx ry rz; ``"fixed"``, or
+            ``"all"``, holds all, ``"pinned"`` all translations, and in a plane
+            ``"roller"`` the one along its second axis.
         masses: ``(node, mass)``, ``(node, mass, offset)`` or ``(node, mass, offset,
             inertia)`` each: kg; m from the node to the centre of mass, on a rigid arm;
             and the moments of inertia about axes through it that are parallel to the
-            global ones, kg m2, each a number or a property. Negative masses, as of what
-            a test has taken off, are not to be had so.
+            global ones, kg m2, each a number or a property. Masses must be positive.
         springs: ``(node, node, {direction: stiffness})`` each, directions out of ux uy
             uz rx ry rz in global axes, N/m or N m; None for the second node is the
-            ground. The spring is where the first node is. If the second is elsewhere, a
-            rigid arm joins it, so that rigid motions strain nothing.
+            ground. The spring acts at the first node; a rigid arm connects it to the
+            second.
         n_modes: How many elastic modes to return, the lowest; or give
         modes: Which elastic modes to return, 1 = the lowest, ascending.
         skip: Number of rigid-body modes, checked at each solve (6 for free-free).
@@ -166,13 +111,16 @@ class FrameModel(AffineModel):
             such as ``"3:uy"``; ``model.dofs`` lists the free ones. Sensors by name are
             ``{"roof": "3:uy"}``, and of several DOFs ``{"skew": {"3:ux": 0.6, "3:uy":
             0.8}}``: a strain gauge, or a difference of two points, is one of these.
+        plane: The plane of a plane frame: "xy", "xz" or "yz"; None for a frame in
+            space.
 
     Raises:
         TypeError: If not exactly one of n_modes and modes is given, or an argument is
             not of the form described.
         ValueError: If nodes, elements, sections, masses, springs or supports do not fit
-            together. When called: if a parameter is not above zero, or the number of
-            rigid-body modes is not skip.
+            together; or a frame in space is held in a plane, and which of Iy and Iz
+            bends there was not said by an orientation. When called: if a parameter is
+            not above zero, or the number of rigid-body modes is not skip.
 
     Examples:
         >>> import numpy as np
@@ -195,7 +143,7 @@ class FrameModel(AffineModel):
         nodes: ArrayLike,
         elements: Sequence[Element],
         sections: Mapping[str, Section],
-        supports: Mapping[int, str | Iterable[str]] | None = None,
+        supports: Supports | None = None,
         *,
         masses: Sequence[Mass] = (),
         springs: Sequence[Spring] = (),
@@ -203,18 +151,19 @@ class FrameModel(AffineModel):
         modes: Sequence[int] | None = None,
         skip: int = 0,
         shapes: bool | Dofs = False,
+        plane: str | None = None,
     ) -> None:
-        points = checks.real_array("nodes", nodes, 2)
-        if points.shape[1] != 3 or len(points) < 2:
-            raise ValueError(f"nodes: expected (n_nodes >= 2, 3), got {points.shape}")
-        free = _find_free_dofs(len(points), supports)
+        place = Place("" if plane is None else checks.one_of("plane", plane, PLANES))
+        points = place.nodes(nodes)
+        free = place.find_free(len(points), supports)
         wanted = _choose_modes(n_modes, modes)
         K: Pieces = {(): [np.empty((3, 0))]}
         M: Pieces = {(): [np.empty((3, 0))]}
         bars = checks.sequence("elements", elements, "(node, node, section name)")
-        _add_bars(K, M, points, bars, sections)
-        _add_masses(M, len(points), masses)
-        _add_springs(K, points, springs)
+        _add_bars(K, M, points, bars, sections, place)
+        place.refuse_ambiguous(sections, free)
+        _add_masses(M, len(points), masses, place)
+        _add_springs(K, points, springs, place)
         rows = [piece[0] for part in (K, M) for each in part.values() for piece in each]
         joined = {*(np.concatenate(rows) // 6).tolist()}
         if alone := sorted({*range(len(points))} - joined):
@@ -253,22 +202,6 @@ class FrameModel(AffineModel):
                 geometry.sensors[label] = int(nodes[0]), along
             else:
                 geometry.undrawn.add(label)
-
-
-def _read_property(label: str, value: Property, zero: bool = False) -> Scale:
-    """Return the number of a property, and the parameter that multiplies it, if any.
-
-    A number alone may be 0 with ``zero``.
-    """
-    pair: tuple[Any, ...] = (value,)
-    if isinstance(value, str):
-        pair = 1.0, value
-    elif isinstance(value, tuple):
-        pair = checks.group(label, value, "a number, name or (number, name)", 2)
-    elif zero and isinstance(value, float | int) and value == 0:
-        return 0.0, ()
-    names = tuple(checks.text(label, name) for name in pair[1:])
-    return checks.positive_array(label, pair[0], 0).item(), names
 
 
 def _add(
@@ -315,6 +248,7 @@ def _add_bars(
     points: Floats,
     elements: Sequence[Element],
     sections: Mapping[str, Section],
+    place: Place,
 ) -> None:
     """Add the bars, checked."""
     for name, section in checks.by_label("sections", sections, "a Section").items():
@@ -326,19 +260,19 @@ def _add_bars(
         label = f"elements[{e}]"
         entry = checks.group(label, element, form, 3, 4)
         *ends, name, offsets = (*entry, (None, None))[:4]
-        _check_nodes(label, ends, len(points))
+        check_nodes(label, ends, len(points))
         if name not in sections:
             raise ValueError(
                 f"{label}: no section {name!r}; sections are {sorted(sections)}"
             )
         pair = checks.group(label, offsets, "(offset, offset)", 2)
-        arms = [_read_offset(label, offset) for offset in pair]
+        arms = [place.vector(label, offset) for offset in pair]
         section, T = sections[name], np.zeros((12, 12))
+        read, upright = place.section(f"sections[{name!r}]", section)
         start, end = points[ends] + arms
-        length, axes = local_axes(start, end, section.orientation, label)
+        length, axes = local_axes(start, end, upright, label)
         T[:6, :6], T[6:, 6:] = map(rigid_arm, arms)
         T = np.kron(np.eye(4), axes) @ T
-        read = section.read()
         polar = ["Iy", "Iz"] if section.Ip is None else ["Ip"]
         parts = element_matrices(length, polar, read)
         for part, matrices in zip((K, M), parts, strict=True):
@@ -349,7 +283,7 @@ def _add_bars(
         raise ValueError(f"sections: no element uses {unused}")
 
 
-def _add_masses(M: Pieces, n_nodes: int, masses: Sequence[Mass]) -> None:
+def _add_masses(M: Pieces, n_nodes: int, masses: Sequence[Mass], place: Place) -> None:
     """Add the point masses, checked."""
     form = "(node, mass), (node, mass, offset) or (node, mass, offset, inertia)"
     units = np.eye(6)
@@ -357,36 +291,47 @@ def _add_masses(M: Pieces, n_nodes: int, masses: Sequence[Mass]) -> None:
         label = f"masses[{i}]"
         entry = checks.group(label, given, form, 2, 3, 4)
         node, mass, offset, inertia = (*entry, None, None)[:4]
-        _check_nodes(label, [node], n_nodes)
-        T = rigid_arm(_read_offset(label, offset))
+        check_nodes(label, [node], n_nodes)
+        T = rigid_arm(place.vector(label, offset))
         moved = np.diag(units[:3].sum(axis=0))
-        _add(M, [_read_property(label, mass)], _dofs(node), T, moved)
+        _add(M, [read_property(label, mass)], _dofs(node), T, moved)
         moments = (0.0, 0.0, 0.0) if inertia is None else inertia
-        for axis, moment in enumerate(checks.group(label, moments, "(Ix, Iy, Iz)", 3)):
+        if place.plane:  # one moment, about the normal to it
+            moments = [0.0 if inertia is None else inertia]
+        form_of, count = "(Ix, Iy, Iz)", len(place.turns)
+        three = checks.group(label, moments, form_of, count)
+        for axis, moment in zip(place.turns, three, strict=True):
             if isinstance(moment, str | tuple) or moment != 0:
                 turned = np.diag(units[3 + axis])
-                _add(M, [_read_property(label, moment)], _dofs(node), T, turned)
+                _add(M, [read_property(label, moment)], _dofs(node), T, turned)
 
 
-def _add_springs(K: Pieces, points: Floats, springs: Sequence[Spring]) -> None:
+def _add_springs(
+    K: Pieces, points: Floats, springs: Sequence[Spring], place: Place
+) -> None:
     """Add the springs, checked."""
     form = "(node, node or None, {direction: stiffness})"
     for s, given in enumerate(checks.sequence("springs", springs, form)):
         label = f"springs[{s}]"
         first, second, by_direction = checks.group(label, given, form, 3)
         ends = [first] if second is None else [first, second]
-        _check_nodes(label, ends, len(points))
+        check_nodes(label, ends, len(points))
         if first == second:
             raise ValueError(f"{label}: both ends are node {first}")
         apart = [rigid_arm(points[first] - points[node]) for node in ends]
         T = np.hstack([apart[0], *(-arm for arm in apart[1:])])
-        for direction, stiffness in checks.by_name(label, by_direction, DOFS).items():
+        for direction, stiffness in _read_spring(label, by_direction, place).items():
             axis = np.diag(np.eye(6)[DOFS.index(direction)])
-            _add(K, [_read_property(label, stiffness)], _dofs(*ends), T, axis)
+            _add(K, [read_property(label, stiffness)], _dofs(*ends), T, axis)
 
 
-def _read_offset(label: str, value: ArrayLike | None) -> Floats:
-    return checks.shaped_array(label, np.zeros(3) if value is None else value, (3,))
+def _read_spring(label: str, value: object, place: Place) -> dict[str, Property]:
+    given = dict(checks.mapping(label, value, "{direction: stiffness}"))
+    if unknown := [name for name in given if name not in place.dofs]:
+        raise ValueError(
+            f"{label}: expected directions out of {place.dofs}, got {unknown}"
+        )
+    return given
 
 
 def _dofs(*nodes: int) -> Indices:
@@ -458,34 +403,6 @@ def local_axes(
         )
     y /= norm
     return length, np.array([x, y, np.cross(x, y)])
-
-
-def _find_free_dofs(
-    n_nodes: int, supports: Mapping[int, str | Iterable[str]] | None
-) -> Indices:
-    """Return the numbers of the DOFs that no support holds, six per node."""
-    supports = {} if supports is None else supports
-    checks.mapping("supports", supports, "{node: held DOFs}")
-    free = np.ones((n_nodes, 6), dtype=bool)
-    for node, held in supports.items():
-        _check_nodes("supports", [node], n_nodes)
-        names = DOFS if held == "all" else (held,) if isinstance(held, str) else held
-        for dof in checks.sequence(f"supports[{node}]", names, "DOFs"):
-            if dof not in DOFS:
-                raise ValueError(
-                    f"supports[{node}]: expected DOFs out of {DOFS} or 'all', "
-                    f"got {dof!r}"
-                )
-            free[node, DOFS.index(dof)] = False
-    if not free.any():
-        raise ValueError("supports: every DOF is held")
-    return np.flatnonzero(free)
-
-
-def _check_nodes(label: str, nodes: Iterable[int], n_nodes: int) -> None:
-    for node in nodes:
-        if checks.whole_number(label, node) >= n_nodes:
-            raise ValueError(f"{label}: no node {node}; nodes are 0 to {n_nodes - 1}")
 
 
 def _choose_modes(n_modes: int | None, modes: Sequence[int] | None) -> tuple[int, ...]:

@@ -157,6 +157,8 @@ def test_combined_sensors_are_drawn_along_their_direction_or_left_out():
     model = beam(SENSORS)
     assert_allclose(model.geometry.locate("skew")[1], [0.0, 0.6, 0.8])
     assert model.geometry.undrawn == {"gauge", "gap"}
+    tower = ef.Geometry({0: (0, 0), 1: (0, 1)}, sensors={"gauge": None})
+    assert tower.undrawn == {"gauge"} and tower.locate("gauge") is None
     one = {"e": np.ones(1)}
     test = ef.Measurements(
         model(one).frequencies[0], model(one).shapes[0], dofs=list(SENSORS)

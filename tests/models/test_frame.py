@@ -95,7 +95,8 @@ def test_a_plane_frame_has_the_modes_of_its_clamped_legs(degrees):
     elements = [(i if i != 16 else 0, i + 1, "bar") for i in range(32)]
     held = {i: ("uz", "rx", "ry") for i in range(33)}
     supports = held | {0: DOFS[:5], 16: "all", 32: "all"}
-    frame = FrameModel(nodes, elements, {"bar": Section(**BAR)}, supports, n_modes=4)
+    bar = Section(**BAR, orientation=(0, 0, 1))
+    frame = FrameModel(nodes, elements, {"bar": bar}, supports, n_modes=4)
     exact = np.sort([theory("uy", ends)[:2] for ends in ("propped", "free")], axis=None)
     np.testing.assert_allclose(solve(frame), exact, rtol=5e-5)
 
@@ -166,7 +167,7 @@ STIFFNESS = BAR["E"] * BAR["Iz"]  # resists uz
 def test_a_mass_beyond_the_end_of_a_cantilever(how):
     """Its arm is that of the mass, or that of the bar."""
     m, arm, turning = 0.4, 0.13, 2e-3
-    bar = Section(**LIGHT)
+    bar = Section(**LIGHT, orientation=(0, 0, 1))
     ends = [(0, 0, 0), (L + arm * (how == "bar"), 0, 0)]
     elements = (
         [(0, 1, "bar", (None, (-arm, 0, 0)))] if how == "bar" else [(0, 1, "bar")]
@@ -193,8 +194,9 @@ def test_two_bars_joined_by_a_spring_that_turns(relative):
     m, c = 0.4, relative * STIFFNESS / L
     nodes = [(0, 0, 0), (L, 0, 0), (L, 0, 0), (2 * L, 0, 0)]
     held = {0: "all", 3: "all"} | dict.fromkeys((1, 2), ("ux", "uy", "rx", "rz"))
+    bar = Section(**LIGHT, orientation=(0, 0, 1))
     model = FrameModel(
-        nodes, [(0, 1, "bar"), (2, 3, "bar")], {"bar": Section(**LIGHT)}, held,
+        nodes, [(0, 1, "bar"), (2, 3, "bar")], {"bar": bar}, held,
         masses=[(1, m / 2), (2, m / 2)],
         springs=[(1, 2, {"uz": 1e6 * STIFFNESS, "ry": (2.0, "joint")})], n_modes=1,
     )  # fmt: skip
