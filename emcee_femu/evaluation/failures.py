@@ -83,6 +83,17 @@ class FailureLog:
             "or raise max_failures where failures are random"
         )
 
+    def __repr__(self) -> str:
+        """Return how many solves failed, why, and one of them."""
+        text = f"{self.causes.total():,} of {self.evaluations:,} evaluations failed"
+        if self.causes:
+            text += (
+                f" ({', '.join(f'{n} {cause}' for cause, n in self.causes.items())})"
+            )
+        if self.kept:
+            text += f"; the first: {self.kept[0].message} at {self.kept[0].parameters}"
+        return text
+
     @property
     def counts(self) -> list[int]:
         """Evaluations, then failures in the order of ``CAUSES``."""

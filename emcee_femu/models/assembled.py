@@ -26,7 +26,7 @@ from .sensors import Dofs, choose_sensors
 MATRIX_STEP = 1e-4  # of a parameter's value: matrices are then known to some 1e-8
 UNBOUNDED_DOFS = 10**9  # DOFs, before it is known how many there are
 
-Assemble: TypeAlias = Callable[[Mapping[str, float]], tuple[Matrix, Matrix]]
+Assemble: TypeAlias = Callable[[dict[str, float]], tuple[Matrix, Matrix]]
 
 
 class AssembledModel:

@@ -22,7 +22,8 @@ from ..contracts import (
     show_declared,
 )
 
-Function: TypeAlias = Callable[[Mapping[str, float]], Response]
+# Of a dict, so that functions that say dict and those that say Mapping both fit.
+Function: TypeAlias = Callable[[dict[str, float]], Response]
 Arrays: TypeAlias = dict[str, Floats]  # by the name of a variable or parameter
 
 DENSITY = "log_likelihood"  # the variable that is what a DensityModel was given
