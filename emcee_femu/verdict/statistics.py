@@ -18,13 +18,15 @@ from ..contracts import Floats
 from ..search.importance import independence_acceptance, pareto_k
 from ..search.record import Chains
 from ..table import Parts, Report, Table
-from .burn_in import FEWEST_STEPS, find_burn_in, means_over_walkers
+from .burn_in import find_burn_in, means_over_walkers
 
 FEWEST_ENSEMBLES = 3  # of which the scatter is known
 FALSE_ALARM = 1e-4  # its probability, over all parameters
 TAU_KNOWN_TO = 1.5  # ratio by which a variance claimed from tau may be too small
 TAILS = (0.05, 0.95)
-MOST_WEIGHED = 20_000  # draws at once, and those whose Pareto k is found
+SHORTEST_DRIFT = 4  # steps of a drift that is looked for
+MOST_WEIGHED = 20_000  # whose Pareto k is found
+CHUNK = 20_000
 MOST_BY_OTHERS = 0.5  # share of independence proposals; of fewer, others end waits
 
 
@@ -149,13 +151,13 @@ def find_drift(draws: Floats) -> int:
     """
     series = means_over_walkers(draws)
     steps, ensembles, m = series.shape
-    half, shortest = steps // 2, FEWEST_STEPS // 2
-    if half < shortest:
+    half = steps // 2
+    if half < SHORTEST_DRIFT:
         return 0
     late = series[half:]
     sizes = mean_sizes(late.swapaxes(0, 1)) / len(late)  # by step, of all ensembles
     lengths = []
-    while half >= shortest:
+    while half >= SHORTEST_DRIFT:
         lengths.append(half)
         half //= 2
     # By F, since so few independent values tell the variance.
@@ -167,7 +169,7 @@ def find_drift(draws: Floats) -> int:
         with np.errstate(divide="ignore", invalid="ignore"):
             squares = apart**2 / (late.var(axis=(0, 1)) * share / sizes)
         if (squares > TAU_KNOWN_TO * least).any():  # never for NaN
-            burn_in = max(find_burn_in(draws), shortest)
+            burn_in = max(find_burn_in(draws), SHORTEST_DRIFT)
             return steps if find_drift(draws[burn_in:]) else burn_in
     return 0
 
@@ -239,7 +241,7 @@ def weigh_maxima(chains: Chains) -> MaximaWeights | None:
         return None
     count = len(search.weights)
     flat = draws.reshape(-1, draws.shape[-1])
-    pieces = np.array_split(flat, -(-len(flat) // MOST_WEIGHED))
+    pieces = np.array_split(flat, -(-len(flat) // CHUNK))
     log_q = np.concatenate([search.mixture.log_density(x) for x in pieces])
     log_weights = chains.log_prob.reshape(-1) - log_q
     owner = np.concatenate([search.label(x) for x in pieces])
