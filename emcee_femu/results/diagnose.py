@@ -35,8 +35,10 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
 
     Use it after every :func:`run`, before you read any result. It makes three separate
     statements, because converged chains may have missed a mode, and a model may fit
-    badly although its chains converged. Judging a run takes no solve, but eight where a
-    term reads what is not stored, such as mode shapes or FRFs.
+    badly although its chains converged. Judging a run takes no solve, but nine where a
+    term reads what is not stored, such as mode shapes or FRFs: eight samples and the
+    prior mean. Where shapes do not fit, 2 more look for a wrong sensor, and 16 if one
+    is suspect. Each is made the first time only.
 
     The fit is judged twice. Each measured value is compared with new measurements that
     the terms draw. And each Gaussian term has residuals, whose chi^2 is compared with

@@ -52,7 +52,7 @@ MISFIT_BY_CHANCE = 0.01  # of a right test, over all groups that are looked at
 MATTERS = 1.2
 # Chance of a share of a term's chi^2; larger ones say nothing of where data are off.
 NOTABLE = 0.05
-LEAST_SHARE = 1e-12
+NO_CHI2 = 1e-12
 
 WORDS = {"dof": SENSOR}  # for dimensions
 
@@ -225,7 +225,7 @@ def _add_up(residuals: Residuals, which: NDArray[np.bool_]) -> _Sum:
                 continue
             left = 1 - (phi[:, part] ** 2).sum(axis=1)
             along = (phi[:, part] * z[:, part]).sum(axis=1)
-            chi2 = chi2 + along**2 / np.maximum(left, LEAST_SHARE)
+            chi2 = chi2 + along**2 / np.maximum(left, NO_CHI2)
     return _Sum(float(chi2.mean()), size)
 
 
@@ -254,7 +254,7 @@ def _test_share(
         return record
     law = stats.beta(k / 2, (n - k) / 2)
     for part, whole in zip(parts, wholes, strict=True):
-        share = min(part.chi2 / max(whole.chi2, LEAST_SHARE), 1.0)
+        share = min(part.chi2 / max(whole.chi2, NO_CHI2), 1.0)
         shares.append((float(law.sf(share)), -share))
     if sets[0].inferred:
         low, high = (wholes[0].chi2 * law.ppf(INTERVAL)).tolist()

@@ -126,7 +126,9 @@ def find_suspects(
         suspects, _ = posterior.remember(
             SUSPECT, theta, lambda: suspect_sensors(posterior, theta)
         )
-    except Exception:  # of any kind: it is the user's model
+    except Exception as error:  # of any kind: it is the user's model
+        reason = f"it raised {error!r}"
+        yield FitRecord(NOT_JUDGED, "", "sensors", SENSOR, reason=reason)
         return
     for suspect in chain.from_iterable(suspects):
         if suspect.experiment in off:

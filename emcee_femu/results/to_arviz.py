@@ -49,6 +49,8 @@ def to_inference_data(
 
     Use it to drop the burn-in, to work with ArviZ, or to save a run as netCDF. Tables,
     figures and :func:`identifiability` also accept a run and convert it themselves.
+    What the samples say of the data is stored too, for the statement on the fit, with
+    as many solves as :func:`diagnose` takes for it.
 
     ============================ ====================================================
     group                        contents
