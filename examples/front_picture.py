@@ -34,7 +34,7 @@ def plot_frequencies(idata, height):
     figure, axes = plt.subplots(figsize=(4.1, height), layout="constrained")
     place = np.arange(1, len(measured) + 1)
     axes.axhline(0, color="black", lw=0.8)
-    axes.vlines(place, low, high, color=BLUE, lw=5, label="new measurement, 95 %")
+    axes.vlines(place, low, high, color=BLUE, lw=5, label="new test, 95 %")
     axes.plot(place, mean, "o", mfc="white", mec=BLUE, ms=5, label="updated model")
     style = {"mfc": "white", "mec": RED, "ms": 7}
     axes.plot(place, initial, "D", label="before updating", **style)
