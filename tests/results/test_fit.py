@@ -17,8 +17,10 @@ from emcee_femu.likelihoods.residuals import (
     RESEMBLES_NONE,
     SKIPPED,
     SUSPECT,
+    FitRecord,
 )
-from emcee_femu.results.fit import find_farthest
+from emcee_femu.results.fit import find_farthest, judge_data
+from emcee_femu.results.fit_modes import judge_modes
 from emcee_femu.results.measured import read_measured
 
 SCRIPT = Path(__file__).parents[2] / "examples/benchmarks/fit_calibration.py"
@@ -123,6 +125,34 @@ def test_a_spurious_mode_is_named_first_with_the_cure(shapes_compared):
     assert found.fit.status == "does not fit" and alike == ["3"]
     cures = found.fit.sentence.partition("Is measured mode 3 spurious?")
     assert cures[1] and "harmonic" in cures[2] and "discrepancy" not in cures[0]
+
+
+def test_a_spurious_mode_that_parameters_follow_is_told_by_the_prior_mean():
+    """At the samples it is like the model, and the others are not."""
+    (experiment,) = target(NOISY).experiments
+    macs = {"1": (0.98, 1.0), "2": (0.75, 0.08), "3": (0.4, 0.98)}
+    found = [
+        FitRecord(
+            "does not fit", "", "shape", "mode", label, mac=mac, mac_before=before
+        )
+        for label, (mac, before) in macs.items()
+    ]
+    judged = judge_modes(experiment, {}, {}, found)
+    assert [r.label for r in judged if r.status == RESEMBLES_NONE] == ["2"]
+    turned = FitRecord(SUSPECT, "", "", "sensor", "s1")  # which explains them as well
+    judged = judge_modes(experiment, {}, {}, [*found, turned])
+    assert not any(r.status == RESEMBLES_NONE for r in judged)
+
+
+def test_chi2_of_weighted_draws_is_that_of_the_weighted_ones():
+    model = ef.FunctionModel(lambda p: [p["k"]], n_modes=1)
+    term = ef.FrequencyTerm([1.0], sd=0.1)
+    posterior = ef.LogPosterior(model, term, ef.GaussianPrior(["k"], [1.0], [1.0]))
+    theta = np.repeat([[1.1], [1.5]], 50, axis=0)
+    rows, initial = posterior(theta), posterior(np.array([1.0]))
+    for weights, expected in (((1.0, 0.0), 1.0), ((0.0, 1.0), 25.0)):
+        whole = judge_data(posterior, theta, rows, initial, np.repeat(weights, 50))[0]
+        assert_allclose(whole.chi2, expected, rtol=1e-9)
 
 
 def test_shapes_that_only_pair_modes_are_said_to_be_not_judged():
