@@ -312,7 +312,7 @@ class StaticModel:
         unit: The unit of the displacements, which follows from those of K and the
             loads.
         dofs: Labels of the DOFs, by which loads and points are then given; None for
-            numbers. :meth:`FrameModel.static` gives ``"8:uz"``.
+            numbers. ``FrameModel.static`` gives ``"8:uz"``.
 
     Attributes:
         cases: The names of the load cases.

@@ -206,6 +206,8 @@ def test_chi2_of_shapes_is_that_of_the_term_and_of_a_fit_without_the_sensor():
         part = _add_up(residuals, mask)
         assert_allclose(part.chi2, expected, rtol=1e-9)
         assert part.size == mask.sum()
+    of_first = _add_up(residuals, residuals.places["mode"] == 1)
+    assert of_first.size == (~np.isnan(measured[:, 0])).sum() - 1  # for its scale
 
 
 def test_residuals_of_a_covariance_are_those_of_each_frequency():
