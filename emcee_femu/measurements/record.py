@@ -150,7 +150,7 @@ class Measurements(Report):
 
     @property
     def sensor_labels(self) -> tuple[str, ...]:
-        """The sensors as statements name them, by the labels of DOFs where these exist."""
+        """The sensors as statements name them, by labels of DOFs where these exist."""
         labelled = self.dofs is not None and self.dofs.dtype.kind == "U"
         return tuple(map(str, self._labels if labelled else self.sensors))
 
