@@ -180,7 +180,8 @@ def test_a_matlab_file_of_version_4_and_one_of_version_7_3(tmp_path):
         ("job.op2", "\0\0", "pyNastran"),
         ("job.h5", "\x89HDF\r\n\x1a\n\0", "h5py"),
         ("job.xlsx", "PK\x03\x04\0", "pandas.read_excel"),
-        ("K.mat", "\0" * 200, "-v7"),
+        ("K.mat", "\0" * 200, "expected"),  # as scipy's version reads it
+        ("K.mat", "MATLAB 7.3 MAT-file\0", "-v7"),
         ("K.npy", "\x93NUMPY\x01\0v\0", "numpy.save"),
     ],
 )

@@ -111,7 +111,9 @@ def _choose_square(path: Path, named: Mapping[str, Any]) -> list[Part]:
                 square[name] = array
     if not square:
         shapes = {name: np.shape(value) for name, value in named.items()}
-        raise ValueError(f"{path}: expected square matrices of numbers, got {shapes}")
+        raise ValueError(
+            f"{path}: expected square matrices of numbers, got {shapes}; {AGAIN}"
+        )
     larger = {name: array for name, array in square.items() if array.shape[0] > 1}
     return [
         try_part(name, path, partial(_build, path, name, array))
