@@ -1,5 +1,6 @@
 """Matrices as NumPy, SciPy, MATLAB and spreadsheets write them."""
 
+import warnings
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -59,7 +60,9 @@ def read_mat(path: Path) -> list[Part]:
         ValueError: If it holds none, or is damaged.
     """
     try:
-        named = loadmat(path)
+        with warnings.catch_warnings():  # either kind of sparse matrix will do
+            warnings.filterwarnings("ignore", ".*spmatrix", DeprecationWarning)
+            named = loadmat(path)
     except Exception as error:  # what a damaged file raises there is of any kind
         raise ValueError(
             f"{path}: expected a MATLAB file of version 4 to 7, got "
