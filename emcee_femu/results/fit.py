@@ -53,6 +53,7 @@ MATTERS = 1.2
 # Chance of a share of a term's chi^2; larger ones say nothing of where data are off.
 NOTABLE = 0.05
 NO_CHI2 = 1e-12
+NO_RESIDUALS = "it has no deviations, and so does not say what was measured"
 
 WORDS = {"dof": SENSOR}  # for dimensions
 
@@ -196,12 +197,12 @@ def _find_residuals(
         drawn = term.replicate(
             np.random.default_rng(0), posterior.parameters(theta), held
         )
-        return "" if drawn else "it has no deviations"
+        return "" if drawn else NO_RESIDUALS
     if not _is_stored(experiment, term):
         theta, held = few, posterior.answer(few, experiment)
     residuals = term.residuals(posterior.parameters(theta), held)
     if residuals is None:
-        return "it has no deviations"
+        return NO_RESIDUALS
     if not np.isfinite(residuals.independent).all():
         return "its deviations are not finite"
     return residuals

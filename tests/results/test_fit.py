@@ -3,6 +3,7 @@
 import json
 import runpy
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import arviz as az
@@ -208,6 +209,16 @@ def test_chi2_of_shapes_is_that_of_the_term_and_of_a_fit_without_the_sensor():
         assert part.size == mask.sum()
     of_first = _add_up(residuals, residuals.places["mode"] == 1)
     assert of_first.size == (~np.isnan(measured[:, 0])).sum() - 1  # for its scale
+
+
+def test_a_group_is_farthest_out_only_where_chance_does_not_make_its_share():
+    mode = FitRecord("fits", "", "frequency", "mode", share=0.5)
+    by_chance = [replace(mode, label=str(i), p_share=0.06 + 0.1 * i) for i in range(9)]
+    assert not find_farthest(by_chance)
+    clear = replace(mode, label="clear", p_share=0.04)
+    clearest = replace(mode, label="clearest", p_share=0.004)
+    sensor = replace(clear, kind="sensor")
+    assert find_farthest([*by_chance, clear, sensor, clearest]) == [clearest, sensor]
 
 
 def test_residuals_of_a_covariance_are_those_of_each_frequency():
