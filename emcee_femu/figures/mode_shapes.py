@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 
 from .. import checks
 from ..contracts import Floats, read_declared
-from ..measurements.modes import is_rotation
+from ..measurements.modes import is_rotation, read_combination
 from ..models.geometry import Geometry
 from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
@@ -211,7 +211,8 @@ def _displace(modes: ModeShapes, geometry: Geometry, i: int) -> list[Moves]:
         dof
         for dof in values
         if geometry.locate(dof) is None
-        and not (is_rotation(dof) or dof in geometry.undrawn)  # these move no node
+        # These move no node.
+        and not (is_rotation(dof) or dof in geometry.undrawn or read_combination(dof))
     ]
     moves = _move_nodes(geometry, values)
     if not moves or {*unknown} & {*sensors}:

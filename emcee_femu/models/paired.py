@@ -31,8 +31,9 @@ from ..contracts import (
     show_declared,
 )
 from ..measurements import Measurements
+from ..measurements.modes import read_combination, unit_of, write_combination
 from .inputs import derive_along
-from .sensors import propose
+from .sensors import Sensors, match_sensors, propose
 
 Indices: TypeAlias = NDArray[np.intp]
 # What a model's jacobian, or its spread, is.
@@ -158,6 +159,7 @@ class PairedModel:
         if declared is not None and "frequency" in declared:
             self._check_count(declared["frequency"].size)
         labels = [None] * len(self._shapes) if test.dofs is None else test.dofs.tolist()
+        _refuse_mixed_units(model, test)
         self.variables = modal_variables(n_modes, labels)
         by_mode = Variable(self.variables["frequency"].coords)
         self.variables |= dict.fromkeys(("mac", "model_mode", "unpaired"), by_mode)
@@ -320,7 +322,7 @@ class PairedModel:
         shapes = shapes[..., : self.candidates]
         if self._rows is None:
             return at_sensors(shapes, self.measurements.dofs, len(self._shapes))
-        return shapes[..., self._rows, :]
+        return self._rows.of(shapes)
 
 
 def _solve_reference(
@@ -358,8 +360,8 @@ def _match_rows(
     variables: Mapping[str, Variable] | None,
     measurements: Measurements,
     dofs: Sequence[Hashable] | None,
-) -> Indices | None:
-    """Return the model rows that correspond to the sensors; None if unknown."""
+) -> Sensors | None:
+    """Return what the sensors measure of the model's rows; None if unknown."""
     if variables is None:
         return None
     if "shapes" not in variables:
@@ -370,19 +372,41 @@ def _match_rows(
     labels = variables["shapes"].coords.get("dof")
     if labels is None or measurements.dofs is None:
         return None
-    places = {dof: i for i, dof in enumerate(labels)}
     sensors = measurements.dofs.tolist()
-    if missing := [dof for dof in sensors if dof not in places]:
+    found, missing = match_sensors(sensors, labels)
+    if missing:
         known = [dof for dof in missing if dof in (dofs or ())]
         if known or not dofs:
-            cure = f", only at {[*places][:8]}; ask it for shapes={sensors}"
+            cure = f", only at {[*labels][:8]}; ask it for shapes={sensors}"
         else:
             cure = propose(missing[0], dofs)
         raise ValueError(
             f"dofs: the measurements have sensors at {missing}, but the model has no "
             f"shapes there{cure}"
         )
-    return np.array([places[dof] for dof in sensors])
+    return found
+
+
+def _refuse_mixed_units(model: Model, test: Measurements) -> None:
+    """Refuse a sensor whose name does not tell that it measures in another unit."""
+    sensors = read_declared(model, "sensors")
+    if not isinstance(sensors, Sensors) or sensors.factors is None:
+        return
+    dofs, meant = read_declared(model, "dofs") or (), dict[Hashable, str]()
+    for number, label in enumerate(sensors.labels):
+        parts = sensors.combination(number)
+        meant[label] = write_combination({dofs[row]: x for row, x in parts.items()})
+    names = [] if test.dofs is None else test.dofs.tolist()
+    units = {name: unit_of(meant.get(name, name)) for name in names}
+    hidden = [name for name in names if units[name] != unit_of(name)]
+    if hidden and len({*units.values()}) > 1:
+        one = hidden[0]
+        raise ValueError(
+            f"dofs: sensor {one!r} measures {meant[one]}, in another unit than others, "
+            "and a MAC over both would depend on the unit of length; write "
+            f"Measurements(dofs=[.., {meant[one]!r}, ..]), and let the model return "
+            "shapes=True, to leave it out of the MAC as rotations are"
+        )
 
 
 def at_sensors(shapes: Floats, dofs: Indices | None, n_sensors: int) -> Floats:
@@ -399,6 +423,10 @@ def at_sensors(shapes: Floats, dofs: Indices | None, n_sensors: int) -> Floats:
     """
     n_rows = shapes.shape[-2]
     numbers = None if dofs is None or dofs.dtype.kind == "U" else dofs
+    if dofs is not None and any(map(read_combination, dofs.tolist())):
+        sensors, missing = match_sensors(dofs.tolist(), range(n_rows))
+        if not missing:
+            return sensors.of(shapes)
     if n_rows == n_sensors:
         order = [] if numbers is None else numbers.tolist()
         if sorted(order) == [*range(n_rows)] != order:

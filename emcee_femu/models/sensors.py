@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..contracts import Floats
-from ..measurements.modes import along_axis
+from ..measurements.modes import along_axis, read_combination, write_combination
 
 Sensor: TypeAlias = Hashable | Mapping[Hashable, float]  # a DOF, or {DOF: factor}
 Dofs: TypeAlias = (
@@ -57,8 +57,8 @@ def choose_sensors(
         argument: Its name, for messages.
         chosen: False for none, True for one at each DOF, a sequence of DOFs in any
             order, or ``{label: sensor}``, where a sensor is a DOF or a combination,
-            ``{DOF: factor}``. In a sequence, a DOF against its axis, ``"2:-ux"``, is
-            that along it, as measurements are turned.
+            ``{DOF: factor}`` or ``"0.87*2:ux + 0.5*2:uy"``. In a sequence, a DOF
+            against its axis, ``"2:-ux"``, is that along it, as measurements are turned.
         dofs: All DOFs of the model, by number or by label.
 
     Raises:
@@ -71,15 +71,16 @@ def choose_sensors(
     if isinstance(chosen, Mapping):
         labels, wanted = list(chosen), list(chosen.values())
     elif not isinstance(chosen, str) and np.ndim(np.asarray(chosen, dtype=object)) == 1:
-        labels = wanted = [along_axis(dof)[0] for dof in chosen]
+        wanted = [*chosen]
+        labels = [
+            write_combination(x) if isinstance(x, Mapping) else along_axis(x)[0]
+            for x in wanted
+        ]
     else:
         raise TypeError(
             f"{argument}: expected True, False, DOFs or {FORM}, got {chosen!r}"
         )
-    combined = [
-        {along_axis(x)[0]: along_axis(x)[1]} if not isinstance(x, Mapping) else x
-        for x in wanted
-    ]
+    combined = [_parts_of(argument, each, dofs) for each in wanted]
     for label, parts in zip(labels, combined, strict=True):
         of = f"{argument}[{label!r}]" if isinstance(chosen, Mapping) else argument
         if not parts:
@@ -107,6 +108,48 @@ def choose_sensors(
 
 
 NONE = Sensors((), ())
+
+
+def _parts_of(
+    argument: str, sensor: Hashable | Sensor, dofs: Sequence[Hashable]
+) -> Mapping[Hashable, float]:
+    """Return ``{DOF: factor}`` of a sensor, along the axes of the DOFs."""
+    if isinstance(sensor, Mapping):
+        turned = {dof: along_axis(dof) for dof in sensor}
+        parts = {
+            axis: sensor[dof]
+            if sign > 0
+            else -checks.real_number(argument, sensor[dof])
+            for dof, (axis, sign) in turned.items()
+        }
+        if len(parts) < len(sensor):
+            raise ValueError(f"{argument}: expected each DOF once, got {sensor}")
+        return parts
+    read = None if sensor in dofs else read_combination(sensor)
+    return dict([along_axis(sensor)]) if read is None else read
+
+
+def match_sensors(
+    wanted: Sequence[Hashable], labels: Sequence[Hashable]
+) -> tuple[Sensors, list[Hashable]]:
+    """Return what sensors measure of rows with labels, and DOFs that have no row."""
+    places = {label: row for row, label in enumerate(labels)}
+
+    def read(sensor: Hashable) -> Mapping[Hashable, float]:
+        if sensor in places:
+            return {sensor: 1.0}
+        number = int(str(sensor)) if str(sensor).isdecimal() else sensor
+        return read_combination(sensor) or {number: 1.0}
+
+    parts = [read(sensor) for sensor in wanted]
+    rows = [*dict.fromkeys(dof for each in parts for dof in each)]
+    if missing := [dof for dof in rows if dof not in places]:
+        return NONE, missing
+    chosen = tuple(places[dof] for dof in rows)
+    if all(len(each) == 1 and {*each.values()} == {1.0} for each in parts):
+        return Sensors(tuple(wanted), chosen), []
+    factors = np.array([[each.get(dof, 0.0) for dof in rows] for each in parts])
+    return Sensors(tuple(wanted), chosen, factors), []
 
 
 def propose(dof: object, dofs: Sequence[Any]) -> str:

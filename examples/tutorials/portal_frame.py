@@ -64,7 +64,8 @@ print(model(nominal).frequencies[0, :4].round(2), "Hz at 30 GPa")
 # ## The test, in the words of the model
 #
 # Say where each sensor is: `"2:ux"` is the displacement of node 2 along x. One that
-# points the other way has a sign, `"2:-ux"`.
+# points the other way has a sign, `"2:-ux"`; one that is skew, or a strain gauge, is a
+# [combination of DOFs](../how_to/sensors.py).
 
 # %%
 places = {"A1": "2:ux", "A2": "4:ux", "A3": "12:ux"}
