@@ -105,17 +105,23 @@ def warn_about_complex(mpc: Floats) -> None:
         )
 
 
-def refuse_duplicates(hertz: Floats, real: Floats) -> None:
-    """Refuse modes of the same frequency with a MAC near 1, identified twice.
+def find_duplicates(hertz: Floats, real: Floats) -> list[list[int]]:
+    """Return pairs of modes of the same frequency with a MAC near 1, identified twice.
 
     Not with a single sensor: symmetric structures have equal frequencies.
     """
     if len(real) < 2:
-        return
-    unit = real / np.linalg.norm(real, axis=0)
+        return []
+    unit = real / np.maximum(np.linalg.norm(real, axis=0), np.finfo(float).tiny)
     same = np.abs(hertz[:, None] - hertz) <= SAME_FREQUENCY * hertz
     same &= (unit.T @ unit) ** 2 > SAME_MAC
-    for i, j in np.argwhere(np.triu(same, 1)):
+    pairs: list[list[int]] = np.argwhere(np.triu(same, 1)).tolist()
+    return pairs
+
+
+def refuse_duplicates(hertz: Floats, real: Floats) -> None:
+    """Refuse modes that were identified twice."""
+    for i, j in find_duplicates(hertz, real):
         raise ValueError(
             f"frequencies: modes {i + 1} and {j + 1} are the same ({hertz[i]} and "
             f"{hertz[j]} Hz; their MAC is near 1); leave out one of them"
