@@ -6,7 +6,7 @@ model's modes and cost no solve. The pairing is held fixed; everything else, inc
 the blending of close modes, is differentiated.
 """
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TypeAlias
 
@@ -31,9 +31,8 @@ from ..contracts import (
     show_declared,
 )
 from ..measurements import Measurements
-from ..measurements.modes import read_combination, unit_of, write_combination
 from .inputs import derive_along
-from .sensors import Sensors, match_sensors, propose
+from .sensors import at_sensors, match_rows, refuse_mixed_units
 
 Indices: TypeAlias = NDArray[np.intp]
 # What a model's jacobian, or its spread, is.
@@ -155,11 +154,11 @@ class PairedModel:
         groups = enumerate(sensors.T[:, :, None])
         self._alike = [(each, np.flatnonzero(of_mode == i)) for i, each in groups]
         declared = read_declared(model, "variables")
-        self._rows = _match_rows(declared, test, read_declared(model, "dofs"))
+        self._rows = match_rows(declared, test, read_declared(model, "dofs"))
         if declared is not None and "frequency" in declared:
             self._check_count(declared["frequency"].size)
         labels = [None] * len(self._shapes) if test.dofs is None else test.dofs.tolist()
-        _refuse_mixed_units(model, test)
+        refuse_mixed_units(model, test)
         self.variables = modal_variables(n_modes, labels)
         by_mode = Variable(self.variables["frequency"].coords)
         self.variables |= dict.fromkeys(("mac", "model_mode", "unpaired"), by_mode)
@@ -354,96 +353,6 @@ def _solve_reference(
     labels = None if declared is None else declared["shapes"].coords.get("dof")
     shapes = shapes[:, : len(frequencies)]
     return Measurements(frequencies, sd=sd, shapes=shapes, dofs=labels)
-
-
-def _match_rows(
-    variables: Mapping[str, Variable] | None,
-    measurements: Measurements,
-    dofs: Sequence[Hashable] | None,
-) -> Sensors | None:
-    """Return what the sensors measure of the model's rows; None if unknown."""
-    if variables is None:
-        return None
-    if "shapes" not in variables:
-        raise ValueError(
-            "model: it returns no mode shapes, which pairing needs; ask for them "
-            "(shapes=True)"
-        )
-    labels = variables["shapes"].coords.get("dof")
-    if labels is None or measurements.dofs is None:
-        return None
-    sensors = measurements.dofs.tolist()
-    found, missing = match_sensors(sensors, labels)
-    if missing:
-        known = [dof for dof in missing if dof in (dofs or ())]
-        if known or not dofs:
-            cure = f", only at {[*labels][:8]}; ask it for shapes={sensors}"
-        else:
-            cure = propose(missing[0], dofs)
-        raise ValueError(
-            f"dofs: the measurements have sensors at {missing}, but the model has no "
-            f"shapes there{cure}"
-        )
-    return found
-
-
-def _refuse_mixed_units(model: Model, test: Measurements) -> None:
-    """Refuse a sensor whose name does not tell that it measures in another unit."""
-    sensors = read_declared(model, "sensors")
-    if not isinstance(sensors, Sensors) or sensors.factors is None:
-        return
-    dofs, meant = read_declared(model, "dofs") or (), dict[Hashable, str]()
-    for number, label in enumerate(sensors.labels):
-        parts = sensors.combination(number)
-        meant[label] = write_combination({dofs[row]: x for row, x in parts.items()})
-    names = [] if test.dofs is None else test.dofs.tolist()
-    units = {name: unit_of(meant.get(name, name)) for name in names}
-    hidden = [name for name in names if units[name] != unit_of(name)]
-    if hidden and len({*units.values()}) > 1:
-        one = hidden[0]
-        raise ValueError(
-            f"dofs: sensor {one!r} measures {meant[one]}, in another unit than others, "
-            "and a MAC over both would depend on the unit of length; write "
-            f"Measurements(dofs=[.., {meant[one]!r}, ..]), and let the model return "
-            "shapes=True, to leave it out of the MAC as rotations are"
-        )
-
-
-def at_sensors(shapes: Floats, dofs: Indices | None, n_sensors: int) -> Floats:
-    """Return the rows of a model's shapes at the sensors, in the sensors' order.
-
-    Args:
-        shapes: ``(..., n_rows, n_modes)``, at all DOFs of the model or at the sensors.
-        dofs: The sensors' rows among all DOFs; None if rows and sensors correspond.
-        n_sensors: The number of sensors.
-
-    Raises:
-        ValueError: If the rows are ambiguous: there are too few, or dofs reorders as
-            many rows as there are sensors.
-    """
-    n_rows = shapes.shape[-2]
-    numbers = None if dofs is None or dofs.dtype.kind == "U" else dofs
-    if dofs is not None and any(map(read_combination, dofs.tolist())):
-        sensors, missing = match_sensors(dofs.tolist(), range(n_rows))
-        if not missing:
-            return sensors.of(shapes)
-    if n_rows == n_sensors:
-        order = [] if numbers is None else numbers.tolist()
-        if sorted(order) == [*range(n_rows)] != order:
-            raise ValueError(
-                f"dofs: {n_rows} sensors at all {n_rows} rows of the model's shapes, "
-                f"in another order ({order}): are the rows DOFs, or sensors already? "
-                "List the sensors in the order of the DOFs"
-            )
-        return shapes
-    if numbers is None or numbers.max() >= n_rows:
-        labels = "None" if dofs is None else str(dofs.tolist())
-        remedy = "; give Measurements(dofs=[...])" if dofs is None else ""
-        raise ValueError(
-            f"dofs: expected the rows of {n_sensors} sensors among the {n_rows} of the "
-            f"model's shapes, got {labels}{remedy}"
-        )
-    return shapes[..., numbers, :]
 
 
 def _scale(shapes: Floats, sensors: NDArray[np.bool_]) -> Floats:
