@@ -79,6 +79,15 @@ class Table:
         Args:
             title: One line.
             tables: By name. A column that one of them has not is empty there.
+
+        Returns:
+            The table.
+
+        Examples:
+            >>> from emcee_femu.table import Table
+            >>> one = Table.from_columns("Modes", [("mode", "d", [1]), ("f", "g", [3])])
+            >>> Table.stack("All modes", {"a": one, "b": one}).column("mode")
+            ['a, 1', 'b, 1']
         """
         formats = {
             column: spec
