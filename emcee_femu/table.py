@@ -83,6 +83,9 @@ class Table:
         Returns:
             The table.
 
+        Raises:
+            AttributeError: If tables is no mapping of tables.
+
         Examples:
             >>> from emcee_femu.table import Table
             >>> one = Table.from_columns("Modes", [("mode", "d", [1]), ("f", "g", [3])])
