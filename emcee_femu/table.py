@@ -1,8 +1,10 @@
 """Tables and reports, printed as text or HTML, or exported to pandas."""
 
+from __future__ import annotations
+
 import html
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self, TypeAlias
 
@@ -69,6 +71,39 @@ class Table:
         titles, formats, values = zip(*columns, strict=True)
         cells = [v.tolist() if isinstance(v, np.ndarray) else v for v in values]
         return cls(title, titles, formats, tuple(zip(*cells, strict=True)))
+
+    @classmethod
+    def stack(cls, title: str, tables: Mapping[str, Table]) -> Self:
+        """Return tables below each other; the labels of rows begin with their names.
+
+        Args:
+            title: One line.
+            tables: By name. A column that one of them has not is empty there.
+
+        Returns:
+            The table.
+
+        Raises:
+            AttributeError: If tables is no mapping of tables.
+
+        Examples:
+            >>> from emcee_femu.table import Table
+            >>> one = Table.from_columns("Modes", [("mode", "d", [1]), ("f", "g", [3])])
+            >>> Table.stack("All modes", {"a": one, "b": one}).column("mode")
+            ['a, 1', 'b, 1']
+        """
+        formats = {
+            column: spec
+            for table in tables.values()
+            for column, spec in zip(table.columns, table.formats, strict=True)
+        }
+        rows = []
+        for label, table in tables.items():
+            for row in table.rows:
+                named = f"{label}, {row[0]}", *row[1:]
+                cells = dict(zip(table.columns, named, strict=True))
+                rows.append(tuple(cells.get(column, "") for column in formats))
+        return cls(title, tuple(formats), tuple(formats.values()), tuple(rows))
 
     def column(self, title: str) -> list[Any]:
         """Return the values of a column by its title."""

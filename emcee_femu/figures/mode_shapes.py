@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,15 +12,26 @@ from matplotlib.patches import Rectangle
 
 from .. import checks
 from ..contracts import Floats, read_declared
-from ..measurements.modes import is_rotation
+from ..measurements.modes import is_rotation, read_combination
 from ..models.geometry import Geometry
+from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre
 from ..results.arviz_objects import dataset, samples
-from ..results.measured import ModeShapes, Pairing, choose_experiment, solve_shapes
+from ..results.measured import ModeShapes, Pairing, choose_experiments, solve_shapes
 from ..results.tables import summarize
 from ..results.to_arviz import read_samples
-from .style import BELOW, BLUE, GREY, RED, Style, finish, subplots
+from .style import (
+    BELOW,
+    BLUE,
+    GREY,
+    RED,
+    Size,
+    Style,
+    add_panels,
+    finish,
+    stack_parts,
+)
 
 Moves: TypeAlias = dict[Hashable, Floats]  # displacements (3,) by node
 
@@ -62,7 +73,8 @@ def plot_shapes(
         posterior: The sampled posterior, if idata is an ArviZ object.
         geometry: Nodes, lines and sensors; the model's own by default.
         modes: The mode or modes to draw, 1 = the first measured one; None for all.
-        experiment: Name of one experiment of a joint posterior.
+        experiment: Name of one experiment of a joint posterior; None for all whose
+            shapes can be drawn, below each other.
 
     Returns:
         The matplotlib Figure.
@@ -93,7 +105,51 @@ def plot_shapes(
     """
     idata, posterior = read_samples(idata, posterior)
     posterior = checks.instance("posterior", posterior, LogPosterior)
-    test = choose_experiment(posterior, experiment)
+
+    def can_be_drawn(test: Experiment) -> bool:
+        """Return whether it has shapes at known places."""
+        placed = (geometry or read_declared(test.model, "geometry")) is not None
+        shapes = (read_declared(test.model, "variables") or {}).get("shapes")
+        return placed and bool(test.paired or (shapes and shapes.coords.get("dof")))
+
+    tests = choose_experiments(posterior, experiment, can_be_drawn)
+    theta = samples(idata)[1].mean(axis=(0, 1))
+    each = [_lay_out(posterior, test, theta, geometry, modes) for test in tests]
+    sizes = {test.name: laid.size for test, laid in zip(tests, each, strict=True)}
+    figure, parts = stack_parts(sizes)
+    for part, laid in zip(parts, each, strict=True):
+        panels = add_panels(part, len(laid.numbers), laid.columns)
+        _draw_modes(panels, laid)
+        below = BELOW | {"ncols": 4 if laid.columns == SHAPE_COLUMNS else 2}
+        handles = panels[0].get_legend_handles_labels()[0]
+        part.legend(handles=handles, **below | {"fontsize": 8})
+    figure.draw_without_rendering()  # the layout of such axes settles in two passes
+    return finish(figure, idata, tests[0].name if len(tests) == 1 else "")
+
+
+class Layout(NamedTuple):
+    """The modes of an experiment, and how they are drawn."""
+
+    geometry: Geometry
+    solved: ModeShapes
+    numbers: Sequence[int]
+    drawn: Sequence[Sequence[Moves]]
+    view: Floats
+    low: Floats
+    high: Floats
+    extent: float
+    columns: int
+    size: Size
+
+
+def _lay_out(
+    posterior: LogPosterior,
+    test: Experiment,
+    theta: Floats,
+    geometry: Geometry | None,
+    modes: int | Sequence[int] | None,
+) -> Layout:
+    """Return what is drawn of an experiment at ``theta (d,)``, by one solve."""
     if geometry is None:
         geometry = read_declared(test.model, "geometry")
     if geometry is None:
@@ -103,7 +159,7 @@ def plot_shapes(
             "direction)}, or set model.geometry to one before PairedModel(model, ...)"
         )
     checks.instance("geometry", geometry, Geometry)
-    solved = solve_shapes(posterior, test, samples(idata)[1].mean(axis=(0, 1)))
+    solved = solve_shapes(posterior, test, theta)
     named = solved.pairing.hertz if solved.pairing else solved.frequencies
     numbers = checks.chosen_numbers("modes", modes, len(named))
     drawn = [_displace(solved, geometry, number - 1) for number in numbers]
@@ -116,19 +172,21 @@ def plot_shapes(
     columns = -(-len(numbers) // rows)
     slope = np.clip(np.divide(*(high - low)[::-1]), 0.3, 1.6)
     inches = max(SHAPE_PANEL * columns, 3.6), 0.6 + rows * (0.4 + SHAPE_PANEL * slope)
-    figure, panels = subplots(len(numbers), columns, inches)
+    box = low, high, size
+    return Layout(geometry, solved, numbers, drawn, view, *box, columns, inches)
+
+
+def _draw_modes(panels: Sequence[Axes], laid: Layout) -> None:
+    """Draw each mode in its panel."""
+    (_, solved, numbers, drawn, view, low, high, size, *_) = laid
     for axes, number, mode in zip(panels, numbers, drawn, strict=True):
         largest = max(np.linalg.norm(move) for part in mode for move in part.values())
         factor = LARGEST_DRAWN * size / max(float(largest), np.finfo(float).tiny)
-        _draw_mode(axes, geometry, view, mode, factor)
+        _draw_mode(axes, laid.geometry, view, mode, factor)
         axes.set_title(_title(solved, number - 1), fontsize=9)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         axes.set(xticks=[], yticks=[], frame_on=False)
     _draw_directions(panels[0], view, low + 0.05 * size, 0.12 * size)
-    below = BELOW | {"ncols": 4 if columns == SHAPE_COLUMNS else 2, "fontsize": 8}
-    figure.legend(handles=panels[0].get_legend_handles_labels()[0], **below)
-    figure.draw_without_rendering()  # the layout of such axes settles in two passes
-    return finish(figure, idata, test.name)
 
 
 def _displace(modes: ModeShapes, geometry: Geometry, i: int) -> list[Moves]:
@@ -153,7 +211,8 @@ def _displace(modes: ModeShapes, geometry: Geometry, i: int) -> list[Moves]:
         dof
         for dof in values
         if geometry.locate(dof) is None
-        and not (is_rotation(dof) or dof in geometry.undrawn)  # these move no node
+        # These move no node.
+        and not (is_rotation(dof) or dof in geometry.undrawn or read_combination(dof))
     ]
     moves = _move_nodes(geometry, values)
     if not moves or {*unknown} & {*sensors}:
@@ -270,7 +329,8 @@ def plot_mac(
         idata: The result of :func:`run` or :func:`to_inference_data`.
         posterior: The sampled posterior, with a :class:`PairedModel`, if idata is an
             ArviZ object.
-        experiment: Name of one experiment of a joint posterior.
+        experiment: Name of one experiment of a joint posterior; None for all that pair
+            modes, below each other.
 
     Returns:
         The matplotlib Figure.
@@ -296,11 +356,34 @@ def plot_mac(
     """
     idata, posterior = read_samples(idata, posterior)
     posterior = checks.instance("posterior", posterior, LogPosterior)
-    test = choose_experiment(posterior, experiment)
+    tests = choose_experiments(posterior, experiment, lambda test: test.paired)
     means = {"after: at the posterior mean": samples(idata)[1].mean(axis=(0, 1))}
     if np.isfinite(posterior.initial).all():
         means = {"before: at the prior mean": prior_centre(posterior.prior)} | means
-    solved: dict[str, tuple[Floats, Pairing]] = {}
+    each = [_pair_at(posterior, test, means) for test in tests]
+    sizes, columns = {}, []
+    for test, solved in zip(tests, each, strict=True):
+        m, q = [pairing.mac.shape for _, pairing in solved.values()][-1]
+        columns.append(len(solved) if q <= FEW_MODES else 1)
+        down = len(solved) // columns[-1]
+        sizes[test.name] = max(7.0, 1.8 + COLUMN * q), 0.3 + down * (1.1 + ROW * m)
+    figure, parts = stack_parts(sizes)
+    for test, solved, part, across in zip(tests, each, parts, columns, strict=True):
+        mac = dataset(idata, "response")[test.full_name("mac")].values
+        ends = summarize(mac.reshape(-1, mac.shape[-1]))[1:]
+        panels = add_panels(part, len(solved), across)
+        for axes, (title, drawn) in zip(panels, solved.items(), strict=True):
+            _draw_matrix(axes, *drawn, ends if axes is panels[-1] else None)
+            axes.set_title(title, fontsize=10)
+        part.colorbar(axes.images[0], ax=panels, label="MAC (1: same shape)")
+    return finish(figure, idata, tests[0].name if len(tests) == 1 else "")
+
+
+def _pair_at(
+    posterior: LogPosterior, test: Experiment, means: Mapping[str, Floats]
+) -> dict[str, tuple[Floats, Pairing]]:
+    """Return frequencies and pairs of an experiment at each of some parameter sets."""
+    solved = {}
     for title, theta in means.items():
         modes = solve_shapes(posterior, test, theta)
         if modes.pairing is None:
@@ -308,19 +391,7 @@ def plot_mac(
                 "posterior: its model pairs no modes; wrap the model in a PairedModel"
             )
         solved[title] = modes.frequencies, modes.pairing
-    *_, (_, after) = solved.values()
-    mac = dataset(idata, "response")[test.full_name("mac")].values
-    ends = summarize(mac.reshape(-1, mac.shape[-1]))[1:]
-    m, q = after.mac.shape
-    across = len(solved) if q <= FEW_MODES else 1
-    down = len(solved) // across
-    size = max(7.0, 1.8 + COLUMN * q), 0.3 + down * (1.1 + ROW * m)
-    figure, panels = subplots(len(solved), across, size)
-    for axes, (title, drawn) in zip(panels, solved.items(), strict=True):
-        _draw_matrix(axes, *drawn, ends if drawn[1] is after else None)
-        axes.set_title(title, fontsize=10)
-    figure.colorbar(axes.images[0], ax=panels, label="MAC (1: same shape)")
-    return finish(figure, idata, test.name)
+    return solved
 
 
 def _draw_matrix(

@@ -10,7 +10,7 @@ import matplotlib
 import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 
 from .. import checks
 from ..contracts import Floats
@@ -23,6 +23,7 @@ from ..results.arviz_objects import (
     unit_of,
 )
 
+Size: TypeAlias = tuple[float, float]
 Style: TypeAlias = dict[str, Any]  # keyword arguments of matplotlib
 
 # Red for the result, blue for what it is compared with.
@@ -125,10 +126,34 @@ def subplots(
         options: Of ``Figure.subplots``.
     """
     figure = plt.figure(figsize=size, layout="constrained")
+    return figure, add_panels(figure, count, columns, **options)
+
+
+def add_panels(
+    figure: FigureBase, count: int, columns: int, **options: Any
+) -> list[Axes]:
+    """Return panels of a figure, or of a part of one, row by row."""
     panels = figure.subplots(-(-count // columns), columns, squeeze=False, **options)
     for axes in panels.flat[count:]:
         axes.remove()
-    return figure, [*panels.flat[:count]]
+    return [*panels.flat[:count]]
+
+
+def stack_parts(sizes: Mapping[str, Size]) -> tuple[Figure, list[FigureBase]]:
+    """Return a figure, and parts of it below each other, one for each experiment.
+
+    Args:
+        sizes: Inches of each, by the name that stands above it; that of a single one
+            stands above the figure.
+    """
+    widths, heights = zip(*sizes.values(), strict=True)
+    figure = plt.figure(figsize=(max(widths), sum(heights)), layout="constrained")
+    if len(sizes) == 1:
+        return figure, [figure]
+    parts = figure.subfigures(len(sizes), 1, squeeze=False, height_ratios=heights)
+    for name, part in zip(sizes, parts.flat, strict=True):
+        part.suptitle(name, fontsize=10)
+    return figure, [*parts.flat]
 
 
 def finish(

@@ -45,7 +45,9 @@ class Measurements(Report):
             from 0, or labels such as ``"3:uy"`` for a :class:`FrameModel`. None if the
             rows of the model's shapes are the sensors, in order. For a sensor that
             points backwards, write ``"3:-uy"``: the sign of its row in ``shapes`` is
-            reversed, and ``dofs`` then holds ``"3:uy"``.
+            reversed, and ``dofs`` then holds ``"3:uy"``. A sensor that measures a
+            combination of DOFs is ``{"3:ux": 0.6, "3:uy": 0.8}``, or as a text, also in
+            a file, ``"0.6*3:ux + 0.8*3:uy"``; a difference is ``"3:ux - 2:ux"``.
         phase_collinearity: MPC of shapes that were complex before, ``(n_modes,)``; None
             to compute it.
         damping: Damping ratios, ``(n_modes,)``, 0.01 for 1 %; None if unknown, for all

@@ -4,7 +4,7 @@ How they change with the parameters, by fits to samples; and the mode shapes of 
 at one parameter set, paired with the measured ones.
 """
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple, TypeAlias
@@ -126,6 +126,14 @@ def measured_frequencies(
         there = f"measured are {[*by_name]}{remedy}"
         raise ValueError(f"idata, experiment: no term has measured {name!r}; {there}")
     return by_name[name]
+
+
+def find_experiments(names: Iterable[object], quantity: str) -> list[str]:
+    """Return the experiments that have a quantity, by names such as "a.frequency"."""
+    parts = (str(name).rpartition(".") for name in names)
+    return [
+        experiment for experiment, _, last in parts if experiment and last == quantity
+    ]
 
 
 def read_measured(idata: InferenceData) -> list[Measured]:
@@ -401,12 +409,15 @@ class ModeShapes:
     pairing: Pairing | None = None
 
 
-def choose_experiment(posterior: LogPosterior, name: str | None) -> Experiment:
-    """Return an experiment by its name, which is needed if there are several."""
-    names = [experiment.name for experiment in posterior.experiments]
-    if name is None and len(names) == 1:
-        return posterior.experiments[0]
-    return posterior.experiments[names.index(checks.one_of("experiment", name, names))]
+def choose_experiments(
+    posterior: LogPosterior, name: str | None, suits: Callable[[Experiment], object]
+) -> list[Experiment]:
+    """Return the experiment of a name; without one all that suit, or else the first."""
+    tests = [*posterior.experiments]
+    if name is None:
+        return [test for test in tests if suits(test)] or tests[:1]
+    names = [test.name for test in tests]
+    return [tests[names.index(checks.one_of("experiment", name, names))]]
 
 
 def solve_shapes(

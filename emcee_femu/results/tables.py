@@ -19,7 +19,13 @@ from .arviz_objects import (
     unit_of,
 )
 from .identifiability import describe_samples
-from .measured import INTERVAL, Measured, measured_frequencies, measured_variables
+from .measured import (
+    INTERVAL,
+    Measured,
+    find_experiments,
+    measured_frequencies,
+    measured_variables,
+)
 from .to_arviz import read_samples
 
 OF_PRIOR = "prior mean", "error %", "sd/prior sd"  # columns
@@ -148,7 +154,8 @@ def frequency_table(
         posterior: The sampled posterior, for the frequencies at the mean of the
             parameters; None to leave them out.
         published: Further columns, ``{title: one number per measured mode}``.
-        experiment: Name of one experiment of a joint posterior.
+        experiment: Name of one experiment of a joint posterior; None for all of them,
+            below each other.
 
     Returns:
         The table, one row per measured mode.
@@ -157,7 +164,8 @@ def frequency_table(
         TypeError: If published is not such a mapping, or posterior is not a
             LogPosterior.
         ValueError: If there are no measured frequencies, a published column has
-            another length, or posterior has other parameters.
+            another length or belongs to no experiment, or posterior has other
+            parameters.
 
     Examples:
         >>> import emcee_femu as ef
@@ -170,6 +178,14 @@ def frequency_table(
     """
     asked = posterior is not None
     idata, posterior = read_samples(idata, posterior)
+    tests = find_experiments((m.name for m in measured_variables(idata)), "frequency")
+    if experiment is None and tests:
+        if published is not None:
+            raise ValueError(f"published: name one experiment of {tests} with it")
+        given = posterior if asked else None
+        tables = {name: frequency_table(idata, given, None, name) for name in tests}
+        title = f"Natural frequencies{describe_certificate(idata)}"
+        return Table.stack(title, tables)
     frequency = measured_frequencies(idata, experiment)
     measured, draws = frequency.values, frequency.predicted
     m, updated = len(measured), frequency.updated
@@ -303,7 +319,8 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
 
     Args:
         idata: The result of :func:`run` or :func:`to_inference_data`.
-        experiment: Name of one experiment of a joint posterior.
+        experiment: Name of one experiment of a joint posterior; None for all that pair
+            modes, below each other.
 
     Returns:
         The table, one row per measured mode, and one for all.
@@ -326,12 +343,16 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
     """
     idata, _ = read_samples(idata)
     response = dataset(idata, "response")
+    tests = find_experiments(response, "mac")
+    if experiment is None and tests:
+        tables = {name: pairing_table(idata, name) for name in tests}
+        title = f"Pairing with the model's modes{describe_certificate(idata)}"
+        return Table.stack(title, tables)
     names = [f"{experiment}.{v}" if experiment else v for v in ("mac", "model_mode")]
     if not set(names) <= set(response.data_vars):
-        paired = [v[: -len(".mac")] for v in map(str, response) if v.endswith(".mac")]
         remedy = "the model pairs no modes; wrap the model in a PairedModel"
-        if paired:
-            remedy = f"name one of {paired} with experiment="
+        if tests:
+            remedy = f"name one of {tests} with experiment="
         raise ValueError(f"idata, experiment: there is no {names[0]!r}; {remedy}")
     both = (response[name].transpose("chain", "draw", ...) for name in names)
     mac, model_mode = (values.values for values in both)

@@ -111,9 +111,32 @@ def test_what_cannot_be_drawn_says_what_to_give(run):
     tests = {"empty": (paired, term), "plain": (MODEL, term)}
     both = sampled(ef.LogPosterior.joint(tests, PRIOR))
     assert len(ef.figures.plot_mac(both, experiment="empty").axes) == 3
-    for options, message in (({}, "experiment"), ({"experiment": "plain"}, "pairs no")):
-        with pytest.raises(ValueError, match=message):
-            ef.figures.plot_mac(both, **options)
+    with pytest.raises(ValueError, match="pairs no"):
+        ef.figures.plot_mac(both, experiment="plain")
+
+
+def test_without_a_name_every_experiment_that_can_be_drawn_is():
+    """Two that pair modes, and one between them that does not."""
+    term = ef.FrequencyTerm(TEST, relative_sd=0.01)
+    paired = ef.PairedModel(MODEL, TEST, candidates=2)
+    plain = ef.FunctionModel(lambda p: [0.085 * p["k1"] ** 0.5], n_modes=1)
+    first = ef.FrequencyTerm([0.27], relative_sd=0.01)
+    tests = {"empty": (paired, term), "plain": (plain, first), "full": (paired, term)}
+    run = sampled(ef.LogPosterior.joint(tests, PRIOR))
+    table = ef.pairing_table(run)
+    rows = [f"{name}, {mode}" for name in ("empty", "full") for mode in (1, 2, "any")]
+    assert table.column("mode") == rows
+    for plot, options, of_one in (
+        (ef.figures.plot_mac, {}, 3),
+        (ef.figures.plot_shapes, {"geometry": TOWER}, 2),
+    ):
+        one = plot(run, experiment="full", **options)
+        figure = plot(run, **options)
+        assert len(one.axes) == of_one and len(figure.axes) == 2 * of_one
+        above = [part.get_suptitle() for part in figure.subfigs]
+        assert above == ["empty", "full"] and one.get_suptitle() == "full"
+        drawn = [axes.get_title() for axes in figure.axes]
+        assert drawn == 2 * [axes.get_title() for axes in one.axes]
 
 
 @pytest.mark.parametrize(

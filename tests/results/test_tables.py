@@ -163,8 +163,20 @@ def test_the_frequencies_of_one_experiment_of_a_joint_posterior():
         assert_allclose(table.column("at mean parameters Hz")[:-1], expected, rtol=1e-9)
         last = tae(run, experiment=name)[1][-1]
         assert_allclose(table.column("error %  ")[-1], last, rtol=1e-9)
-    with pytest.raises(ValueError, match="loaded"):
-        ef.frequency_table(run)
+    every = ef.frequency_table(run, joint)
+    labels = ["empty, 1", "empty, 2", "empty, TAE", "loaded, 1", "loaded, TAE"]
+    assert every.column("mode") == labels
+    parts = [ef.frequency_table(run, joint, experiment=name) for name in tests]
+    for title in parts[0].columns[1:]:
+        column = [cell for part in parts for cell in part.column(title)]
+        assert_array_equal(every.column(title), column)
+    with pytest.raises(ValueError, match="published: .*loaded"):
+        ef.frequency_table(run, published={"a": [1.0]})
+    curves = [tae(run, experiment=name)[1] for name in tests]
+    (axes,) = ef.figures.plot_tae(run).axes
+    for name, curve, line in zip(tests, curves, axes.lines, strict=True):
+        assert line.get_label() == name
+        assert_allclose(line.get_ydata(), curve, rtol=1e-12)
 
 
 def test_measured_data_are_needed_for_an_error():

@@ -202,3 +202,20 @@ def test_a_start_of_zero_probability_is_refused():
     model = ef.FunctionModel(solves, n_modes=2)
     with pytest.raises(ValueError, match="walker .* -inf"):
         run(ef.LogPosterior(model, term, PRIOR), nwalkers=16, starts=INSIDE)
+
+
+def test_few_lines_are_logged_however_many_solves_fail(caplog):
+    def seldom(p):
+        return noted(p) if p["k"] > 1 else [p["k"], 2.0]
+
+    caplog.set_level("WARNING", "emcee_femu")
+    model = ef.FunctionModel(seldom, n_modes=2)
+    prior = ef.IndependentPrior({"k": stats.uniform(0, 4)})
+    target = ef.LogPosterior(model, ef.FrequencyTerm([1.0, 2.0], beta=4.0), prior)
+    options = {"nwalkers": 12, "steps": 15, "ensembles": 1, "seed": 1}
+    found = ef.run(target, ef.DEMCMove(), **options | REJECT)
+    failed = sum(found.failures.causes.values())
+    assert failed > 50 and len(caplog.messages) < 10
+    with pytest.raises(ArithmeticError) as error:
+        ef.run(target, ef.DEMCMove(), **options)
+    assert "on_failure" in "".join(error.value.__notes__)

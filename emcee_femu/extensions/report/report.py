@@ -180,7 +180,8 @@ def report(
         frequencies=[*zip(with_frequencies, frequencies, strict=True)],
         pictures=dict(_draw_all(idata, sampled, measured, result, own)),
         predicted=_tabulate_predictions(idata, sampled, measured),
-        pairings=[pairing_table(idata, e) for e in with_pairs],
+        fitted=frequency_table(idata) if frequencies else None,
+        pairings=pairing_table(idata) if with_pairs else None,
         identifiability=(
             identifiability(idata) if "constant_data" in held and not own else None
         ),
