@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 import emcee_femu as ef
+from emcee_femu.digits import show
 
 # A tower of two unit masses, whose modes are known: k1 = k2 = 10 N/m.
 GOLDEN = (1 + 5**0.5) / 2
@@ -131,7 +132,7 @@ def test_the_first_page_has_ones_own_words_and_derived_quantities(plain, write):
     assert [fact for fact in facts if fact not in first] == []
     fall = 100 * (1 - ef.to_inference_data(plain)["posterior"]["k"].values / 12)
     ends = fall.mean(), *np.quantile(fall, [0.025, 0.975])
-    assert f"fall % {' '.join(f'{x:.4g}' for x in ends)}" in first
+    assert f"fall % {' '.join(show(ends, fall.std()))}" in first
 
 
 @pytest.mark.parametrize(

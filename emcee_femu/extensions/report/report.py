@@ -43,7 +43,7 @@ from ...results.tables import (
 )
 from ...results.to_arviz import read_samples
 from ...sampling.record import Run
-from ...table import Column, Report, Table, unit_column
+from ...table import Column, Report, Table, number_columns
 
 Figure: TypeAlias = Any  # of matplotlib, which figures import
 Pictures: TypeAlias = list[tuple[str, Figure]]  # each with its experiment
@@ -268,15 +268,18 @@ def _tabulate_priors(idata: InferenceData, posterior: LogPosterior | None) -> Ta
     if posterior is not None:
         draws = posterior.prior.sample(np.random.default_rng(0), PRIOR_DRAWN)
     _, low, high = summarize(draws)
-    columns: list[Column] = [("parameter", "", names)]
-    columns += unit_column(unit_of(idata, name) for name in names)
-    columns += [
-        ("prior mean", ".4g", prior["prior_mean"].values),
-        ("2.5 %", ".3g", low),
-        ("97.5 %", ".3g", high),
-        ("lower bound", ".4g", prior["lower"].values),
-        ("upper bound", ".4g", prior["upper"].values),
-    ]
+    sd = prior["prior_sd"].values
+    unit, numbers = number_columns(
+        (unit_of(idata, name) for name in names),
+        [
+            ("prior mean", prior["prior_mean"].values, sd),
+            ("2.5 %", low, sd),
+            ("97.5 %", high, sd),
+            ("lower bound", prior["lower"].values, np.nan),
+            ("upper bound", prior["upper"].values, np.nan),
+        ],
+    )
+    columns: list[Column] = [("parameter", "", names), *unit, *numbers]
     return Table.from_columns("Parameters before the test", columns)
 
 
@@ -292,10 +295,11 @@ def _tabulate_derived(idata: InferenceData, derived: Derived) -> Table:
         rows[name] = checks.real_array(argument, function(draws))
         checks.shaped(argument, rows[name].shape, (size,), remedy="one by sample")
         units.append(unit)
-    columns: list[Column] = [("quantity", "", [*rows]), *unit_column(units)]
-    values = summarize(np.column_stack([*rows.values()]))
-    titles = zip(("mean", "2.5 %", "97.5 %"), values, strict=True)
-    columns += [(title, ".4g", row) for title, row in titles]
+    values = np.column_stack([*rows.values()])
+    titles = zip(("mean", "2.5 %", "97.5 %"), summarize(values), strict=True)
+    sd = values.std(axis=0, ddof=1)
+    unit, numbers = number_columns(units, [(title, row, sd) for title, row in titles])
+    columns: list[Column] = [("quantity", "", [*rows]), *unit, *numbers]
     return Table.from_columns("Derived quantities", columns)
 
 
