@@ -187,8 +187,8 @@ def about_box(log_box: float) -> Iterator[str]:
     """Say of what a bare log-probability's evidence is, if there is a box."""
     if np.isfinite(log_box):
         yield (
-            "The prior is uniform in the box. For the integral of a function that "
-            f"holds its prior already add {log_box:.4f}, ln of its volume."
+            "The prior is uniform in the box. If your function already includes its "
+            f"prior, add {log_box:.4f}, ln of the volume of the box."
         )
 
 
