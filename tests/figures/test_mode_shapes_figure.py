@@ -186,7 +186,7 @@ def cantilever(elements):
     nodes = [(0, 2.0 * i / elements) for i in range(elements + 1)]
     section = ef.Section("E", rho=7850.0, A=1e-3, I=1e-6)
     bars = [(i, i + 1, "bar") for i in range(elements)]
-    every = {"plane": "xz", "shapes": True, "n_modes": 3}
+    every = {"plane": "xz", "shapes": True, "n_modes": 2}
     return ef.FrameModel(nodes, bars, {"bar": section}, {0: "all"}, **every)
 
 
@@ -202,8 +202,8 @@ def drawn_modes(elements):
 
 
 def test_beams_are_drawn_as_they_bend():
-    """Six elements, drawn with their rotations, are the beam of thirty."""
-    for coarse, fine in zip(drawn_modes(6), drawn_modes(30), strict=True):
+    """Three elements, drawn with their rotations, are the beam of thirty."""
+    for coarse, fine in zip(drawn_modes(3), drawn_modes(30), strict=True):
         expected = np.interp(coarse[:, 1], *fine[np.argsort(fine[:, 1])].T[::-1])
         largest = np.abs(fine[:, 0]).max()
         assert largest > 0.1
