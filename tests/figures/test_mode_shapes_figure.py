@@ -204,11 +204,11 @@ def drawn_modes(elements):
 def test_beams_are_drawn_as_they_bend():
     """Three elements, drawn with their rotations, are the beam of thirty."""
     for coarse, fine in zip(drawn_modes(3), drawn_modes(30), strict=True):
-        expected = np.interp(coarse[:, 1], *fine[np.argsort(fine[:, 1])].T[::-1])
+        drawn = np.interp(fine[:, 1], *coarse[np.argsort(coarse[:, 1])].T[::-1])
         largest = np.abs(fine[:, 0]).max()
         assert largest > 0.1
         sign = np.sign(coarse[-1, 0] * fine[-1, 0])
-        assert_allclose(coarse[:, 0], sign * expected, atol=0.02 * largest)
+        assert_allclose(sign * drawn, fine[:, 0], atol=0.03 * largest)
 
 
 def test_a_panel_shows_the_structure_with_its_sensors(run):
