@@ -4,6 +4,7 @@
 """
 
 import platform
+import re
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import date
@@ -44,6 +45,7 @@ from ...results.tables import (
 from ...results.to_arviz import read_samples
 from ...sampling.record import Run
 from ...table import Column, Report, Table, number_columns
+from .facts import TELLING, choose_telling, describe_model, say_trust, tabulate_result
 
 Figure: TypeAlias = Any  # of matplotlib, which figures import
 Pictures: TypeAlias = list[tuple[str, Figure]]  # each with its experiment
@@ -52,6 +54,7 @@ Derived: TypeAlias = Mapping[str, tuple[Callable[[Parameters], Floats], str]]
 MOST_ROWS = 40  # of a table; figures show the rest
 MOST_PAIRED = 6  # parameters that a scatter figure shows at page width
 PRIOR_DRAWN = 20_000  # draws, for the ends of its intervals
+CONTENTS = "[contents]"  # where they will be
 TEXTS = ("author", "project", "date", "structure", "question", "conclusion")
 LIBRARIES = ("emcee-femu", "emcee", "numpy", "scipy", "arviz", "matplotlib")
 
@@ -143,6 +146,7 @@ def report(
     experiments = sampled.experiments if sampled else ()
     held = groups(idata)
     measured = read_measured(idata)
+    judged = diagnose(run or idata, discard if run else None)
     with_frequencies = _find_places((part.name for part in measured), "frequency")
     frequencies = [frequency_table(idata, experiment=e) for e in with_frequencies]
     with_pairs = _find_places(map(str, held.get("response", ())), "mac")
@@ -151,6 +155,7 @@ def report(
     template = Path(__file__).with_name("report.html.jinja").read_text("utf-8")
     page = environment.from_string(template).render(
         title=title,
+        contents=CONTENTS,
         said=dict.fromkeys(TEXTS, "") | {"date": str(date.today())} | said,
         names=samples(idata)[0],
         versions={library: version(library) for library in LIBRARIES},
@@ -171,8 +176,13 @@ def report(
         laws=list_laws(sampled.prior) if sampled else (),
         chains=read_chains(idata),
         run=run,
-        diagnosis=diagnose(run or idata, discard if run else None),
+        diagnosis=judged,
         certificate=held["certificate"].attrs if "certificate" in held else None,
+        outcome=tabulate_result(idata),
+        trust=say_trust(judged, measured),
+        models=[
+            (e.name, [*describe_model(e, sampled)]) for e in experiments if sampled
+        ],
         parameters=parameter_table(
             idata, var_names=[*map(str, idata["posterior"].data_vars)]
         ),
@@ -191,8 +201,20 @@ def report(
         given_text=bool(text),
         discard=discard,
     )
-    path.write_text(page, encoding="utf-8")
+    path.write_text(_list_contents(page, len(experiments) > 1), encoding="utf-8")
     return path
+
+
+def _list_contents(page: str, long: bool) -> str:
+    """Give headings their anchors, and a long report a list of them."""
+    titles = re.findall("<h2>(.*?)</h2>", page)
+    for number, title in enumerate(titles):
+        page = page.replace(f"<h2>{title}", f'<h2 id="{number}">{title}', 1)
+    entries = (f'<li><a href="#{i}">{title}</a></li>' for i, title in enumerate(titles))
+    listed = (
+        f'<h2 id="contents">Contents</h2><ol class="contents">{"".join(entries)}</ol>'
+    )
+    return page.replace(CONTENTS, listed if long else "", 1)
 
 
 def _find_places(names: Iterable[str], quantity: str) -> list[str | None]:
@@ -334,7 +356,15 @@ def _draw_all(
     yield "mac", [(test.name, drawn(test.name or None)) for test in paired]
     placed = [t for t in paired if read_declared(t.model, "geometry") is not None]
     drawn = partial(figures.plot_shapes, idata, posterior)
-    yield "shapes", [(t.name, drawn(experiment=t.name or None)) for t in placed]
+    mean, first = samples(idata)[1].mean(axis=(0, 1)), []
+    for test in placed:
+        assert posterior is not None
+        modes = choose_telling(measured, posterior, test, mean)
+        one = drawn(modes=modes, experiment=test.name or None, structure=True)
+        first.append((test.name, one))
+    yield "first", first
+    many = [t for t in placed if t.paired and t.paired.measurements.n_modes > TELLING]
+    yield "shapes", [(t.name, drawn(experiment=t.name or None)) for t in many]
     yield "parameters", [("", figures.plot_prior_posterior(idata, posterior))]
     d = len(samples(idata)[0])
     plot = figures.plot_scatter if d <= MOST_PAIRED else figures.plot_correlation
