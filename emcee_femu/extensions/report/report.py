@@ -19,6 +19,7 @@ import numpy as np
 
 from ... import checks
 from ...contracts import Floats, Parameters, Reported, read_declared
+from ...digits import show
 from ...likelihoods.shape import ShapeTerm
 from ...posterior.experiments import Experiment
 from ...posterior.log_posterior import LogPosterior
@@ -52,6 +53,7 @@ Pictures: TypeAlias = list[tuple[str, Figure]]  # each with its experiment
 Derived: TypeAlias = Mapping[str, tuple[Callable[[Parameters], Floats], str]]
 
 MOST_ROWS = 40  # of a table; figures show the rest
+SHAPE_ERROR = 0.01  # by which measured shapes are printed
 MOST_PAIRED = 6  # parameters that a scatter figure shows at page width
 PRIOR_DRAWN = 20_000  # draws, for the ends of its intervals
 CONTENTS = "[contents]"  # where they will be
@@ -253,10 +255,10 @@ def _tabulate_measured(part: Measured, posterior: LogPosterior | None) -> Table:
     unit, values, sd = f" {part.unit}".rstrip(), part.values, part.sd(posterior)
     columns: list[Column] = [
         (part.dims or "quantity", "", part.labels if part.dims else [part.name]),
-        (f"measured{unit}", ".6g", values),
+        (f"measured{unit}", show(values, sd), values),
     ]
     if np.isfinite(sd).any():
-        columns.append((f"standard deviation{unit}", ".3g", sd))
+        columns.append((f"standard deviation{unit}", show(sd, sd), sd))
     if len(values) > MOST_ROWS:
         columns = [
             ("values", "d", [len(values)]),
@@ -279,7 +281,8 @@ def _tabulate_shapes(experiment: Experiment) -> Iterator[Table]:
         if len(shapes) > MOST_ROWS:
             continue
         sensors = sensors or [*map(str, range(1, 1 + len(shapes)))]
-        modes = [(f"mode {i}", ".3f", shape) for i, shape in enumerate(shapes.T, 1)]
+        named = ((f"mode {i}", shape) for i, shape in enumerate(shapes.T, 1))
+        modes = [(title, show(shape, SHAPE_ERROR), shape) for title, shape in named]
         yield Table.from_columns(title, [("sensor", "", sensors), *modes])
 
 
