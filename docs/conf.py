@@ -94,12 +94,14 @@ mathjax_path = "mathjax/tex-chtml.js"  # of this site: see copy_mathjax
 # Looks
 html_theme = "sphinx_book_theme"
 html_title = f"emcee_femu {release}"
+html_logo = html_favicon = "_static/mark.svg"
 html_static_path = ["_static", "_build/mathjax"]
 html_css_files = ["site.css"]
 html_search_scorer = str(HERE / "_static" / "scorer.js")
 html_show_copyright = False
 html_context = {"default_mode": "auto"}
 html_theme_options = {
+    "logo": {"text": "emcee_femu"},
     "repository_url": "https://github.com/emcee-femu/emcee_femu",
     "use_repository_button": True,
     "use_issues_button": True,

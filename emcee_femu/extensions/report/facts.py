@@ -123,7 +123,7 @@ def describe_model(
         free = {dof.rpartition(":")[0] for dof in dofs}
         held = [str(node) for node in geometry.nodes if str(node) not in free]
         if held and free - {""}:
-            yield "Supports", f"{len(held)} nodes are held: {_name(held)}"
+            yield "Held nodes", _name(held)
     if dofs:
         yield "Free DOFs", str(len(dofs))
     if hasattr(model, "matrices") and (mass := _weigh(model, dofs, posterior)):
