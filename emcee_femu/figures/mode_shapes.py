@@ -30,7 +30,7 @@ SHAPE_MARGIN = 0.17  # around the structure, of its size
 # A view in space: from how far to the side, and from how far above.
 SIDE, ABOVE = math.radians(30), math.radians(22)
 NO_EXTENT = 1e-9
-LINE_POINTS = 13  # of a line that bends
+BENT_POINTS = 13  # of a line that bends
 FEW_MODES = 3  # modes of the model up to which the two panels are beside each other
 ROW, COLUMN = 0.42, 0.66  # inches of a measured mode, and at least of the model's
 
@@ -205,7 +205,7 @@ def _bend(
     """Return points ``(k, 3)`` of a line at rest, and how each moves."""
     first, last = line
     ends = geometry.nodes[first], geometry.nodes[last]
-    s = np.linspace(0.0, 1.0, LINE_POINTS if turns else 2)[:, None]
+    s = np.linspace(0.0, 1.0, BENT_POINTS if turns else 2)[:, None]
     along = ends[1] - ends[0]
     straight = (1 - s) * moves[first] + s * moves[last]
     if not turns:

@@ -23,7 +23,7 @@ from ...verdict.verdict import CONVERGED, NOT_CONVERGED, Diagnosis
 
 TELLING = 2  # mode shapes on the first page
 TRANSLATION = re.compile(r"(.+):u([xyz])")
-MOST_NAMED = 12  # sensors or supports, of which each is named
+MOST_LISTED = 12  # sensors or supports, of which each is named
 
 
 def tabulate_result(idata: InferenceData) -> Table:
@@ -149,5 +149,5 @@ def _weigh(model: object, dofs: Sequence[str], posterior: LogPosterior) -> float
 
 def _name(labels: Sequence[object]) -> str:
     """Return labels in words, the first ones of many."""
-    shown = ", ".join(map(str, labels[:MOST_NAMED]))
-    return shown + " …" * (len(labels) > MOST_NAMED)
+    shown = ", ".join(map(str, labels[:MOST_LISTED]))
+    return shown + " …" * (len(labels) > MOST_LISTED)

@@ -126,17 +126,7 @@ def report(
         raise ImportError(
             'a report needs Jinja2: pip install "emcee_femu[report]"'
         ) from None
-    path = Path(checks.file_name("path", path))
-    if path.suffix.lower() not in (".html", ".htm"):
-        raise ValueError(
-            f"path: expected the name of an HTML file, such as {path.stem}.html, got "
-            f"{path.name!r}; a browser prints it to PDF"
-        )
-    checks.text("title", title)
-    said = {} if text is None else checks.by_label("text", text, "{'author': text}")
-    for key, words in said.items():
-        checks.one_of("text", key, TEXTS)
-        checks.text(f"text[{key!r}]", words)
+    path, said = _check_words(path, title, text)
     result = source
     tell: Callable[[], Reported | None] = getattr(source, "reported", lambda: None)
     if told := tell():
@@ -205,6 +195,24 @@ def report(
     )
     path.write_text(_list_contents(page, len(experiments) > 1), encoding="utf-8")
     return path
+
+
+def _check_words(
+    path: str | PathLike[str], title: str, text: Mapping[str, str] | None
+) -> tuple[Path, dict[str, str]]:
+    """Return the file's path and what the user says, refusing what is no text."""
+    path = Path(checks.file_name("path", path))
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise ValueError(
+            f"path: expected the name of an HTML file, such as {path.stem}.html, got "
+            f"{path.name!r}; a browser prints it to PDF"
+        )
+    checks.text("title", title)
+    said = {} if text is None else checks.by_label("text", text, "{'author': text}")
+    for key, words in said.items():
+        checks.one_of("text", key, TEXTS)
+        checks.text(f"text[{key!r}]", words)
+    return path, dict(said)
 
 
 def _list_contents(page: str, long: bool) -> str:
