@@ -14,6 +14,7 @@ from matplotlib.figure import Figure, FigureBase
 
 from .. import checks
 from ..contracts import Floats
+from ..digits import LEAST_PLAIN, MOST_PLAIN, choose_units
 from ..results.arviz_objects import (
     InferenceData,
     dataset,
@@ -60,9 +61,10 @@ def scale_axes(
         truths: Values to mark by name.
 
     Returns:
-        Labels: names, with unit and the power of ten taken out of the axis. That power
-        ``(d,)``, by which what is drawn is divided. So divided, where the axes end
-        ``(d, 2)``, and values to mark ``(d,)``; NaN where there is none.
+        Labels: names, with unit and the power of ten taken out of the axis. The factor
+        ``(d,)`` by which what is drawn is divided: of the SI prefix, or that power. So
+        divided, where the axes end ``(d, 2)``, and values to mark ``(d,)``; NaN where
+        there is none.
     """
     there = [str(name) for name in dataset(idata, "posterior").data_vars]
     values = checks.numbers_by_name("truths", {} if truths is None else truths, there)
@@ -70,18 +72,22 @@ def scale_axes(
     marks = np.array([by_name.get(name, np.nan) for name in names])
     units = checks.units_by_name("units", units, there)
     sizes = np.abs(draws[0]).max(axis=0)
-    ordinary = (sizes >= 1e-2) & (sizes < 1e5)
-    exponents = np.where(ordinary, 0, np.floor(np.log10(sizes))).astype(int)
+    there = [units.get(name, unit_of(idata, name)) for name in names]
+    chosen = choose_units(there, sizes.tolist())
+    factors = np.array([factor for _, factor in chosen])
+    left = sizes / factors
+    ordinary = (left >= LEAST_PLAIN) & (left < MOST_PLAIN)
+    exponents = np.where(ordinary, 0, np.floor(np.log10(left))).astype(int)
     labels = [
-        label_axis(name, units.get(name, unit_of(idata, name)), exponent)
-        for name, exponent in zip(names, exponents, strict=True)
+        label_axis(name, unit, exponent)
+        for name, (unit, _), exponent in zip(names, chosen, exponents, strict=True)
     ]
     prior = prior_constants(idata, names)
     bounds = prior[["lower", "upper"]].to_array().values.T
     limits = np.array([axis_limits(part, bounds) for part in draws])
     low = np.fmin(limits[..., 0].min(axis=0), marks)
     high = np.fmax(limits[..., 1].max(axis=0), marks)
-    scale = 10.0**exponents
+    scale = factors * 10.0**exponents
     shown = np.column_stack([low, high]) / scale[:, None]
     return labels, scale, shown, marks / scale
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..contracts import Floats
+from ..digits import show
 from ..table import Parts, Report, Table
 from . import csv_files, modes, uff
 
@@ -383,12 +384,13 @@ class Measurements(Report):
         sd = self.sd
         if self.covariance is not None:
             sd = np.sqrt(np.diag(self.covariance))
+        its = np.full(self.n_modes, np.nan) if sd is None else sd
         percent = None if self.damping is None else 100 * self.damping
         its_sd = None if self.damping_sd is None else 100 * self.damping_sd
         columns = (
             ("mode", "d", [*range(1, self.n_modes + 1)]),
-            ("f [Hz]", ".6g", self.frequencies),
-            ("sd [Hz]", ".3g", sd),
+            ("f [Hz]", show(self.frequencies, its), self.frequencies),
+            ("sd [Hz]", show(its, its), sd),
             ("damping %", ".3g", percent),
             ("its sd %", ".2g", its_sd),
             ("MPC", ".3f", self.phase_collinearity),

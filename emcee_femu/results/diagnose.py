@@ -112,11 +112,11 @@ def judge_search(maxima: MaximaWeights | None, cures: Cures) -> Statement:
     short = "one maximum" if count == 1 else f"{count} maxima"
     climbs, from_prior = maxima.climbs
     few = from_prior // HITS
-    reached = f", and at which fewer than one climb in {few:,} ends," if few else ""
+    reached = f" and 1 in {few:,} climbs" if few else ""
     sentence = (
-        f"{short}, by {maxima.searched:,} points and {climbs:,} climbs. A maximum so "
-        f"small that fewer than one point in {maxima.searched // HITS:,} falls near it"
-        f"{reached} may be missing."
+        f"{short}, by {maxima.searched:,} points and {climbs:,} climbs. Only a maximum "
+        f"that attracts fewer than 1 in {maxima.searched // HITS:,} points{reached} "
+        "could have been missed."
     )
     if count > 1:
         sentence += (
@@ -147,8 +147,8 @@ def judge_without_chains(
     if chains.kind == "population":
         words = "an annealed population; anneal with other seeds and compare"
         found = (
-            f"{chains.origin}. A maximum so small that fewer than one draw of the "
-            f"prior in {len(chains.draws) // HITS:,} falls near it may be missing."
+            f"{chains.origin}. Only a maximum that attracts fewer than 1 in "
+            f"{len(chains.draws) // HITS:,} draws of the prior could have been missed."
         )
         search = Statement(SEARCHED, SEARCHED, found)
     else:

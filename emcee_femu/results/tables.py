@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..contracts import Floats
+from ..digits import show
 from ..posterior.log_posterior import LogPosterior
-from ..table import Column, Table, unit_column
+from ..table import Column, Table, number_columns
 from .arviz_objects import (
     dataset,
     describe_certificate,
@@ -32,6 +33,7 @@ OF_PRIOR = "prior mean", "error %", "sd/prior sd"  # columns
 # Of a Gaussian 8 % of the samples lie within a tenth of an sd of the mean.
 NEAR_MEAN, FEW_NEAR = 0.1, 0.01
 OF_TRUTH = "true", "error %", "error % "
+INTERVAL_WIDTH = 3.92  # of a Gaussian's 95 % interval, in standard deviations
 LOW_MAC = 0.5  # the default of PairedModel, below which a pair does not mean much
 
 
@@ -104,26 +106,42 @@ def parameter_table(
     if before is not None:
         start, initial = "before", checks.numbers_by_name("before", before, names)
     truth = checks.numbers_by_name("true", {} if true is None else true, names)
+    further = [
+        (title, checks.numbers_by_name(f"published[{title!r}]", values, names), sd)
+        for title, values in _columns(published)
+    ]
+    unit, numbers = number_columns(
+        units,
+        [
+            ("true", truth, sd),
+            (start, initial, prior["prior_sd"].values),
+            ("mean", mean, sd),
+            ("2.5 %", low, sd),
+            ("97.5 %", high, sd),
+            *further,
+        ],
+    )
+    of_truth, of_start, of_mean, of_low, of_high, *others = numbers
+    percent = 100 * sd / np.abs(mean)
+    before_off, off = _percent_off(initial, truth), _percent_off(mean, truth)
+    known_sign = np.where(low * high > 0, percent, np.nan)  # else it tells nothing
     columns: list[Column] = [
         ("parameter", "", names),
-        *unit_column(units),
-        ("true", ".5g", truth),
-        (start, ".5g", initial),
-        ("error %", ".2f", _percent_off(initial, truth)),
-        ("mean", ".5g", mean),
-        ("error % ", ".2f", _percent_off(mean, truth)),
-        ("2.5 %", ".5g", low),
-        ("97.5 %", ".5g", high),
-        ("c.o.v. %", ".2f", 100 * sd / np.abs(mean)),
+        *unit,
+        of_truth,
+        of_start,
+        ("error %", show(before_off, percent), before_off),
+        of_mean,
+        ("error % ", show(off, percent), off),
+        of_low,
+        of_high,
+        ("c.o.v. %", show(known_sign, known_sign), known_sign),
         ("sd/prior sd", ".2f", ratio),
     ]
     unknown = {*OF_TRUTH} if true is None else set[str]()
     if not known.any():
         unknown |= {*OF_PRIOR}
-    columns = [c for c in columns if c[0] not in unknown]
-    for title, values in _columns(published):
-        column = checks.numbers_by_name(f"published[{title!r}]", values, names)
-        columns.append((title, ".5g", column))
+    columns = [c for c in columns if c[0] not in unknown] + others
     title = f"Updating parameters{describe_certificate(idata)}"
     near = (np.abs(draws - mean) < NEAR_MEAN * sd).mean(axis=0)
     # Constant samples, of which none is nearer than 0, are no clouds.
@@ -189,33 +207,38 @@ def frequency_table(
     frequency = measured_frequencies(idata, experiment)
     measured, draws = frequency.values, frequency.predicted
     m, updated = len(measured), frequency.updated
+    sd, its_sd = draws.std(axis=0, ddof=1), frequency.sd(posterior)
+    percent = 100 * sd / updated
 
-    def pad(values: Floats) -> Floats:
-        return np.append(values, np.nan)
+    def hertz(title: str, values: Floats, to: Floats = sd) -> Column:
+        padded = np.append(values, np.nan)
+        return title, show(padded, np.append(to, np.nan)), padded
 
-    def with_tae(values: Floats) -> Floats:
+    def error(title: str, values: Floats) -> Column:
         errors = _percent_off(values, measured)
-        return np.append(errors, errors.mean())
+        errors, to = np.append(errors, errors.mean()), np.median(percent)
+        return title, show(errors, np.append(percent, to)), errors
 
     columns: list[Column] = [
         (frequency.dims, "", [*frequency.labels, "TAE"]),
-        ("measured Hz", ".3f", pad(measured)),
-        ("prior mean Hz", ".3f", pad(frequency.initial)),
-        ("error %", ".2f", with_tae(frequency.initial)),
-        ("updated Hz", ".3f", pad(updated)),
-        ("c.o.v. %", ".3f", pad(100 * draws.std(axis=0, ddof=1) / updated)),
-        ("error % ", ".3f", with_tae(updated)),
+        hertz("measured Hz", measured, np.where(np.isfinite(its_sd), its_sd, sd)),
+        hertz("prior mean Hz", frequency.initial),
+        error("error %", frequency.initial),
+        hertz("updated Hz", updated),
+        hertz("c.o.v. %", percent, percent),
+        error("error % ", updated),
     ]
     if asked and posterior is not None:
         row = posterior.recall(samples(idata)[1].mean(axis=(0, 1)))
         at_mean = row[posterior.columns[frequency.variable]][:m]
-        columns.append(("at mean parameters Hz", ".3f", pad(at_mean)))
-        columns.append(("error %  ", ".3f", with_tae(at_mean)))
+        columns.append(hertz("at mean parameters Hz", at_mean))
+        columns.append(error("error %  ", at_mean))
     for title, values in _columns(published):
         column = checks.numeric_array(f"published[{title!r}]", values)
         shapes, argument = ((m,), (m + 1,)), f"published[{title!r}]"
         checks.shaped(argument, column.shape, *shapes, remedy="the last is the TAE")
-        columns.append((title, ".4g", column if len(column) > m else pad(column)))
+        padded = np.append(column, [np.nan] * (m + 1 - len(column)))
+        columns.append((title, ".4g", padded))
     words = f" of {experiment!r}" if experiment else ""
     words += describe_certificate(idata)
     return Table.from_columns(f"Natural frequencies{words}", columns)
@@ -284,18 +307,20 @@ def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Ta
     inside = np.concatenate([part.inside for part in parts])
     measured = np.concatenate([part.values for part in parts])
     title, labels, unit = _name_rows(parts)
-    spec = ".3f" if unit == " Hz" else ".5g"
+    sd = np.concatenate([part.sd(posterior) for part in parts])
+    # Where the error of the test is not known: as if the interval were a Gaussian's.
+    about = (high - low) / INTERVAL_WIDTH
+    to = np.where(np.isfinite(sd), sd, about)
     columns: list[Column] = [
         (title, "", labels),
-        (f"measured{unit}", spec, measured),
-        (f"updated{unit}", spec, updated),
-        ("2.5 %", spec, low),
-        ("97.5 %", spec, high),
+        (f"measured{unit}", show(measured, to), measured),
+        (f"updated{unit}", show(updated, about), updated),
+        ("2.5 %", show(low, about), low),
+        ("97.5 %", show(high, about), high),
         (title_of_inside, "", np.where(inside, "yes", "no")),
     ]
     if posterior is not None and not missing:
-        sd = np.concatenate([part.sd(posterior) for part in parts])
-        columns.insert(2, (f"sd{unit}", ".3g", sd))
+        columns.insert(2, (f"sd{unit}", show(sd, sd), sd))
     mac = np.concatenate([_summarize_mac(part) for part in parts], axis=1)
     if np.isfinite(mac).any():
         columns += [("MAC", ".3f", mac[0]), ("MAC 5 %", ".3f", mac[1])]

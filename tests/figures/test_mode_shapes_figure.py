@@ -203,3 +203,40 @@ def test_what_close_modes_span_is_drawn_at_the_sensors_only():
     (axes,) = ef.figures.plot_shapes(run_of(model, test), geometry=geometry).axes
     assert_allclose(points(axes, AT_SENSORS), points(axes, "measured"), atol=1e-9)
     assert not [c for c in axes.collections if c.get_label() == MOVED]
+
+
+def cantilever(elements):
+    nodes = [(0, 2.0 * i / elements) for i in range(elements + 1)]
+    section = ef.Section("E", rho=7850.0, A=1e-3, I=1e-6)
+    bars = [(i, i + 1, "bar") for i in range(elements)]
+    every = {"plane": "xz", "shapes": True, "n_modes": 2}
+    return ef.FrameModel(nodes, bars, {"bar": section}, {0: "all"}, **every)
+
+
+def drawn_modes(elements):
+    model, prior = (
+        cantilever(elements),
+        ef.GaussianPrior(["E"], [2e11], 2e9, [(1e11, 3e11)]),
+    )
+    hertz = model({"E": np.array([2e11])}).frequencies[0]
+    term = ef.FrequencyTerm(hertz, relative_sd=0.01)
+    figure = ef.figures.plot_shapes(sampled(ef.LogPosterior(model, term, prior)))
+    return [np.concatenate(lines(axes, MOVED)) for axes in figure.axes]
+
+
+def test_beams_are_drawn_as_they_bend():
+    """Three elements, drawn with their rotations, are the beam of thirty."""
+    for coarse, fine in zip(drawn_modes(3), drawn_modes(30), strict=True):
+        drawn = np.interp(fine[:, 1], *coarse[np.argsort(coarse[:, 1])].T[::-1])
+        largest = np.abs(fine[:, 0]).max()
+        assert largest > 0.1
+        sign = np.sign(coarse[-1, 0] * fine[-1, 0])
+        assert_allclose(sign * drawn, fine[:, 0], atol=0.03 * largest)
+
+
+def test_a_panel_shows_the_structure_with_its_sensors(run):
+    figure = ef.figures.plot_shapes(run, modes=[2], geometry=TOWER, structure=True)
+    first, second = figure.axes
+    assert "2 sensors" in first.get_title() and "mode 2" in second.get_title()
+    tails = [arrow.xyann for arrow in first.texts]
+    assert_allclose(sorted(tails), [(0, 3), (0, 6)], atol=1e-9)

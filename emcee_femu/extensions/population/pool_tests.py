@@ -8,6 +8,7 @@ from scipy import special, stats
 
 from ... import checks
 from ...contracts import Floats, Reported
+from ...digits import show
 from ...likelihoods.residuals import FITS
 from ...posterior.log_posterior import LogPosterior
 from ...posterior.priors import GaussianPrior, IndependentPrior
@@ -187,16 +188,22 @@ class PooledTests(Report):
         """Means, spreads and slopes of the population, and a next test."""
         sampled = {n: self.idata.posterior[n].values.ravel() for n in self.model.names}
         coming = {f"next test's {n}": values for n, values in self.next_test().items()}
-        rows = [
-            (name, values.mean(), values.std(ddof=1), *np.quantile(values, INTERVAL))
-            for name, values in (sampled | coming).items()
-        ]
+        draws = [*(sampled | coming).values()]
+        sd = np.array([x.std(ddof=1) for x in draws])
+        low, high = np.array([np.quantile(x, INTERVAL) for x in draws]).T
         title = f"Population of {len(self.tests)} tests"
         averages = [f"{name} = {x:.4g}" for name, x in self.population.averages.items()]
         if averages:
             title += f"; means and the next test at {', '.join(averages)}"
-        columns = ("parameter", "mean", "sd", "2.5 %", "97.5 %")
-        return Table(title, columns, ("", ".5g", ".3g", ".5g", ".5g"), tuple(rows))
+        its = [
+            ("mean", np.array([x.mean() for x in draws])),
+            ("sd", sd),
+            ("2.5 %", low),
+            ("97.5 %", high),
+        ]
+        columns: list[Column] = [("parameter", "", [*(sampled | coming)])]
+        columns += [(column, show(values, sd), values) for column, values in its]
+        return Table.from_columns(title, columns)
 
     @property
     def test_table(self) -> Table:
@@ -204,11 +211,14 @@ class PooledTests(Report):
         columns: list[Column] = [("test", "", list(self.tests))]
         for i, name in enumerate(self.population.names):
             alone = [test.theta[:, i] for test in self.model.tests.values()]
+            mean, sd = np.array([(x.mean(), x.std()) for x in alone]).T
+            pooled = self.theta[:, :, i]
+            its_mean, its_sd = pooled.mean(axis=0), pooled.std(axis=0)
             columns += [
-                (f"{name} alone", ".5g", [float(x.mean()) for x in alone]),
-                ("sd", ".3g", [float(x.std()) for x in alone]),
-                (f"{name} pooled", ".5g", self.theta[:, :, i].mean(axis=0)),
-                ("sd ", ".3g", self.theta[:, :, i].std(axis=0)),
+                (f"{name} alone", show(mean, sd), mean),
+                ("sd", show(sd, sd), sd),
+                (f"{name} pooled", show(its_mean, its_sd), its_mean),
+                ("sd ", show(its_sd, its_sd), its_sd),
             ]
         columns += [
             ("Pareto k", ".2f", self.pareto_k),
