@@ -20,7 +20,7 @@ import numpy as np
 import emcee_femu as ef
 from emcee_femu.figures.mode_shapes import _bend, _choose_view, _displace
 from emcee_femu.posterior.priors import prior_centre
-from emcee_femu.results.measured import choose_experiment, solve_shapes
+from emcee_femu.results.measured import solve_shapes
 
 ROOT = Path(__file__).parents[1]
 MODE = 2  # from 0: torsion. (The sway modes are close: their shapes mix.)
@@ -108,7 +108,7 @@ def main(output=ROOT / ".github" / "images" / "front.svg"):
     posterior, draws = page["posterior"], page["idata"]["posterior"]
     mean = [float(draws[name].mean()) for name in posterior.names]
     states = {"before updating": prior_centre(posterior.prior), "after updating": mean}
-    test = choose_experiment(posterior, None)
+    (test,) = posterior.experiments
     marks, found = [], {}
     for number, (title, theta) in enumerate(states.items()):
         solved = solve_shapes(posterior, test, np.array(theta))

@@ -35,6 +35,8 @@ class Certificate(Report):
         failed_solves: Number of solves that failed and counted as zero likelihood.
         efficiency: Effective share of the weights (Kish): 1 if all are equal.
         effective: Number of independent draws that the weighted draws are worth.
+        settled: Whether the emulator ended within its tolerance; None where that is
+            not known, as of an ArviZ object.
         pareto_k: Pareto k of the weights; infinite for fewer than 25 of them.
         largest: The largest weight, divided by the mean weight.
         mean: Means of the true posterior, ``(d,)``.
@@ -65,6 +67,7 @@ class Certificate(Report):
     failed_solves: int
     efficiency: float
     effective: float
+    settled: bool | None
     pareto_k: float
     largest: float
     mean: Floats
@@ -162,6 +165,12 @@ class Certificate(Report):
                 f"too few solves: the weighted draws are worth {self.effective:.0f} "
                 f"independent ones, and {needed} are needed; {better}, or certify with "
                 f"{-(-more // 10) * 10:.0f} solves"
+            )
+        if self.settled is False:
+            return (
+                "the solves of emulate were spent before its errors were within the "
+                "tolerance, so that it may deny what none of its draws shows; emulate "
+                "with more solves"
             )
         return ""
 
