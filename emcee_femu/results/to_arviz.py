@@ -57,7 +57,8 @@ def to_inference_data(
     ============================ ====================================================
     ``posterior``                the parameters by name, with ``attrs["units"]`` if
                                  known; ``attrs["sampled"]`` of the group lists them, so
-                                 that you can add derived quantities
+                                 that you can add derived quantities; ``attrs`` also has
+                                 the posterior's ``notes``
     ``sample_stats``             lp, log_prior
     ``log_prior``                of each parameter, if the prior has ``logpdfs``
     ``log_likelihood``           of each datum if its term factorises, otherwise of the
@@ -263,6 +264,8 @@ def convert(chains: Chains, thin: int = 1, term: str | None = None) -> Inference
         new = datasets["new_measurement"]  # all, where ArviZ weighs every draw
         datasets["posterior_predictive"] = pick_some(new) if term is None else new
     datasets["posterior"].attrs |= _attributes_of(chains)
+    if posterior is not None:
+        datasets["posterior"].attrs |= posterior.notes or {}
     return wrap(datasets | fixed)
 
 

@@ -12,6 +12,7 @@ from support.chains import ar1, backend
 from support.free_posterior import box, free_posterior
 
 import emcee_femu as ef
+from emcee_femu.extensions.emulation.certify import UNKNOWN
 from emcee_femu.extensions.emulation.emulated_chain import EmulatedChain
 
 COVARIANCE = np.array([[1.0, 0.6, 0.0], [0.6, 1.0, -0.3], [0.0, -0.3, 1.0]])
@@ -476,3 +477,30 @@ def test_the_object_of_a_certified_posterior_is_its_chain_with_a_seal(tmp_path):
     np.testing.assert_allclose(group["lp"].values, true, rtol=1e-9)
     assert ef.diagnose(sealed).chains.status != "none"
     assert "certified" not in ef.parameter_table(idata).title  # given as it was
+
+
+def noted(settled, law=NEAR):
+    """Return a posterior whose samples say whether its emulator settled."""
+    emulated = posterior(law)
+    emulated.notes = {"settled": settled}
+    return emulated
+
+
+def test_an_emulator_that_did_not_settle_is_refused_however_equal_the_weights(tmp_path):
+    """By every door: a run, an ArviZ object, one read back from netCDF."""
+    for settled, verdict in ((0, "refused"), (1, "certified")):
+        idata = sampled(noted(settled), draws(NEAR, 4_000, 3))
+        read = stored_and_read(idata, tmp_path / f"{settled}.nc")
+        for given in (idata, read):
+            found = ef.certify(given, posterior(TRUE), 100, seed=3)
+            assert found.settled is bool(settled) and found.short == verdict
+            assert found.efficiency > 0.98
+            assert UNKNOWN not in found.findings
+
+
+def test_where_nobody_knows_whether_an_emulator_settled_a_finding_says_so(exact):
+    assert exact.settled is None and UNKNOWN in exact.findings
+    assert exact.short == "certified"
+    run = ef.run(EXACT, ef.DEMCMove(), 20, 200, seed=1, ensembles=1)
+    found = ef.certify(run, EXACT, 30, seed=1)  # no emulator
+    assert found.settled is None and UNKNOWN not in found.findings

@@ -36,7 +36,7 @@ class Certificate(Report):
         efficiency: Effective share of the weights (Kish): 1 if all are equal.
         effective: Number of independent draws that the weighted draws are worth.
         settled: Whether the emulator ended within its tolerance; None where that is
-            not known, as of an ArviZ object.
+            not known, or the approximate posterior is not of :func:`emulate`.
         pareto_k: Pareto k of the weights; infinite for fewer than 25 of them.
         largest: The largest weight, divided by the mean weight.
         mean: Means of the true posterior, ``(d,)``.
@@ -169,8 +169,8 @@ class Certificate(Report):
         if self.settled is False:
             return (
                 "the solves of emulate were spent before its errors were within the "
-                "tolerance, so that it may deny what none of its draws shows; emulate "
-                "with more solves"
+                "tolerance, so its posterior may lack a part that none of its draws "
+                "shows; emulate with more solves"
             )
         return ""
 

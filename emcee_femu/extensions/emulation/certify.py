@@ -31,7 +31,7 @@ from ...verdict.verdict import (
     Statement,
 )
 from .certificate import EQUAL_WEIGHTS, Certificate
-from .emulated import EmulatedModel
+from .emulated import SETTLED, EmulatedModel
 from .emulated_chain import (
     EmulatedChain,
     compare_bounds,
@@ -46,8 +46,8 @@ SEARCH_SHARE, MOST_SEARCH_SOLVES = 4, 30
 FIRST_CLIMBS = 8  # starts that are sorted by height
 FEWEST_CLIMB_STEPS = 3  # steps; shorter climbs are not counted
 UNKNOWN = (
-    "These samples do not say whether the emulator ended within its tolerance: certify "
-    "the run itself."
+    "If emulate made this posterior, its samples do not say whether its errors were "
+    "within the tolerance; those of a run on the posterior that it returned do."
 )
 MOMENTS = "mean", "mean_error", "sd", "sd_error", "off_error"  # in their order
 
@@ -86,19 +86,24 @@ def certify(
       the latter, two standard errors of the difference are included;
     - *corrected*: the emulated posterior is not good enough, but the weights correct
       it;
-    - *refused*: the weights are unreliable, part of the posterior is missing, or the
-      chain has not converged. Unequal weights are unreliable if their Pareto k is above
-      0.7 or above ``1 - 1 / log10(n)`` for n draws, or if they are worth fewer than 50
-      independent draws.
+    - *refused*: the weights are unreliable, part of the posterior is missing, the
+      chain has not converged, or :func:`emulate` spent its solves before its errors
+      were within its tolerance (``settled``). Unequal weights are unreliable if their
+      Pareto k is above 0.7 or above ``1 - 1 / log10(n)`` for n draws, or if they are
+      worth fewer than 50 independent draws.
 
     Weights with an efficiency above 0.9 are trusted whatever k is, because fewer than
     100 nearly equal weights do not determine k well. Unequal weights with k up to 0.7
     are smoothed (PSIS).
 
-    Weights cannot reveal what the emulated posterior excludes. Three checks look for
-    it. The emulator's bounds must contain at least 99 % of the prior. The draws must
-    not pile up at a bound that the prior does not have. And climbs of the true
-    posterior, which take a quarter of the solves and at most 30, start from draws of
+    Weights cannot reveal what the emulated posterior excludes. An emulator that did
+    not settle may exclude what no draw shows, so its posterior is refused however equal
+    the weights are. A run on the emulated posterior knows whether it settled, and so
+    does its ArviZ object, also if read back from netCDF; a finding says where it is not
+    known. Three more checks look for what is excluded. The emulator's bounds must
+    contain at least 99 % of the prior. The draws must not pile up at a bound that the
+    prior does not have. And climbs of the true posterior, which take a quarter of the
+    solves and at most 30, start from draws of
     the prior away from the chain. A narrow mode that no climb approaches remains
     undetected.
 
@@ -199,7 +204,8 @@ def certify(
     if (failed := evaluator.failed - climbed) > max_failures * n:
         faults.append(f"{failed} of {n} draws could not be solved")
     notes = _note(chain, n, len(maxima), lost, evaluator.failed)
-    if (settled := _has_settled(approximate)) is None:
+    settled = _has_settled(idata, approximate)
+    if settled is None and approximate is None:
         notes = [*notes, UNKNOWN]
     certificate = Certificate(
         names=chain.names,
@@ -225,8 +231,10 @@ def certify(
     return certificate.sealed(posterior, rows, emulated, again)
 
 
-def _has_settled(approximate: LogPosterior | None) -> bool | None:
+def _has_settled(idata: InferenceData, approximate: LogPosterior | None) -> bool | None:
     """Return whether all emulators ended within tolerance; None if none is known."""
+    if (noted := dataset(idata, "posterior").attrs.get(SETTLED)) is not None:
+        return bool(noted)
     experiments = approximate.experiments if approximate else ()
     models = [getattr(e.paired, "model", e.model) for e in experiments]
     emulators = [model for model in models if isinstance(model, EmulatedModel)]

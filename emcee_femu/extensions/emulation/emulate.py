@@ -273,6 +273,7 @@ class _Emulation:
         )
         posterior = self.problem.replace_model(emulator)
         posterior.draws = draws.members
+        posterior.notes = emulator.notes
         return replace(emulator, history=table, posterior=posterior)
 
     @property
