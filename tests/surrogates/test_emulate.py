@@ -12,7 +12,7 @@ from support.few_solves import DATA, DESIGN, PRIOR, SD, Gaussian, bent, posed
 from support.pool_problems import forks
 
 import emcee_femu as ef
-from emcee_femu.extensions.emulation.emulate import _Emulation
+from emcee_femu.extensions.emulation.emulate import Emulation
 
 SLOW = pytest.mark.slow
 GRID = np.stack(np.meshgrid(*[np.linspace(-3.0, 3.0, 241)] * 2), axis=-1).reshape(-1, 2)
@@ -517,14 +517,14 @@ class Crossed(ef.likelihoods.term.Term):
 @pytest.mark.slow
 def test_a_solve_goes_where_it_lowers_the_expected_error_most(monkeypatch):
     """Second route: processes conditioned on a point more, for each that it may be."""
-    chosen, choose = [], _Emulation._choose
+    chosen, choose = [], Emulation._choose
 
     def listen(emulation, number, emulator, draws):
         points = choose(emulation, number, emulator, draws)
         chosen.append((emulator, draws, points[0]))
         return points
 
-    monkeypatch.setattr(_Emulation, "_choose", listen)
+    monkeypatch.setattr(Emulation, "_choose", listen)
     model = ef.FunctionModel(
         lambda p: crossed([p["a"], p["b"]]), variables=Crossed.reads
     )

@@ -57,8 +57,9 @@ class EmulatedModel(Report):
             or for blocks of outputs with their own lengths.
         solves: Total number of solves of the full model.
         failed_solves: How many of these failed.
-        settled: Whether :func:`.emulate` ended because errors were below its tolerance;
-            False if its solves were spent before.
+        settled: Whether errors were within the tolerance of :func:`.emulate`, or within
+            0.1 if that is larger, in the last two rounds; False if its solves were
+            spent before.
         factor: Factor by which the model may err more than the processes predict.
         history: One row per round: solves, predicted and true error in units of
             measurement error.
