@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
-from support.few_solves import DATA, DESIGN, PRIOR, SD, Counted, Gaussian, bent, posed
+from support.few_solves import DATA, DESIGN, PRIOR, SD, Counted, Gaussian, posed
 
 import emcee_femu as ef
 from emcee_femu.extensions.emulation import run_emulated as module
@@ -24,6 +24,11 @@ def linear(x):
 def rippled(x):
     """What no few points can show: waves of a tenth of the spread."""
     return DESIGN @ x + SD * np.sin(60.0 * x[0] + 47.0 * x[1])
+
+
+def unwrapped(printed):
+    """Return a text with each sentence in one line."""
+    return str(printed).replace("\n  ", " ")
 
 
 def exact_moments():
@@ -65,7 +70,7 @@ def test_it_is_certified_and_right_and_counts_each_solve_once(certified):
     assert len(np.unique(model.solved, axis=0)) == found.solves
     z = np.hstack([(found.mean - mean) / found.mean_error, (found.sd - sd) / sd * 20])
     assert (np.abs(z) < 4.5).all()
-    assert f"{found.solves} of 100 solves" in str(found)
+    assert f"{found.solves} of 100 solves" in unwrapped(found)
 
 
 def test_what_it_returns_goes_into_every_table_and_judgement(certified, tmp_path):
@@ -74,7 +79,7 @@ def test_what_it_returns_goes_into_every_table_and_judgement(certified, tmp_path
     idata = ef.to_inference_data(found)
     table = ef.parameter_table(found)
     assert "certified by 50 full solves" in table.title
-    assert table.rows == ef.parameter_table(idata).rows
+    assert str(table) == str(ef.parameter_table(idata))
     assert_allclose(table.column("mean"), found.emulated_mean, rtol=1e-6)
     assert ef.diagnose(found).converged
     evidence, (*_, log_evidence) = ef.log_evidence(found), exact_moments()
@@ -85,8 +90,8 @@ def test_what_it_returns_goes_into_every_table_and_judgement(certified, tmp_path
     idata.to_netcdf(str(tmp_path / "found.nc"))
     read = arviz.from_netcdf(str(tmp_path / "found.nc"))
     assert str(ef.log_evidence(read)) == str(evidence)
-    assert ef.identifiability(found).rows
-    for draw in (ef.figures.plot_parameters, ef.figures.plot_corner):
+    assert str(ef.identifiability(found)) == str(ef.identifiability(idata))
+    for draw in (ef.figures.plot_prior_posterior, ef.figures.plot_scatter):
         draw(found)
     assert ef.report(found, tmp_path / "found.html").exists()
     again = ef.certify(found, posed(linear, term=Unnormalised()), 60, seed=5)
@@ -94,11 +99,12 @@ def test_what_it_returns_goes_into_every_table_and_judgement(certified, tmp_path
     assert len(model.solved) == spent  # none of these solves
 
 
+@SLOW
 def test_a_budget_that_does_not_reach_is_never_exceeded_and_says_so(refused, tmp_path):
     found, model = refused
     assert found.short == "refused" and not found.settled
     assert 40 < found.solves == len(model.solved) <= 60
-    assert "true error of the emulator" in str(found)
+    assert "true error of the emulator" in unwrapped(found)
     diagnosis = ef.diagnose(found)
     assert diagnosis.chains.status == "refused" and not diagnosis.converged
     assert found.verdict in diagnosis.chains.sentence
@@ -112,20 +118,22 @@ def test_a_budget_that_does_not_reach_is_never_exceeded_and_says_so(refused, tmp
     assert ef.diagnose(read).chains.status == "refused"
 
 
+@SLOW
 def test_an_emulator_that_is_not_certified_learns_from_the_draws(monkeypatch):
-    """It is made to believe that it settled at once; two certificates at least."""
+    """It is made to believe that it settled at once, and is certified twice."""
     monkeypatch.setattr(module, "TOLERANCE", 1e9)
-    posterior = posed()
-    found = ef.run_emulated(posterior, 160, seed=1)
+    posterior = posed(rippled)
+    found = ef.run_emulated(posterior, 110, seed=1)
     solved = np.array(posterior.model.solved)
-    assert found.short == "certified" and "2 certificates" in str(found)
-    assert found.solves == len(solved) == len(np.unique(solved, axis=0)) <= 160
-    points = found.emulated.processes[0].points
-    assert len(points) < len(solved) - 40 + 11  # neither climbs nor the last draws
+    assert "2 certificates" in unwrapped(found)
+    assert found.solves == len(solved) == len(np.unique(solved, axis=0)) <= 110
+    # Of all that was solved before the last certificate it has learned what climbs
+    # did not need.
     learned = found.emulated.coordinates(solved)
+    points = found.emulated.processes[0].points
     known = (np.abs(learned[:, None] - points).max(axis=2) < 1e-9).any(axis=1)
-    first = 10 + 40  # the emulator's own, and the first certificate's
-    assert known[10:first].sum() >= 30
+    assert known[:10].all() and known[10:50].sum() >= 30
+    assert len(points) == known.sum() <= found.solves - 30
 
 
 class Stopping(Counted):
@@ -141,7 +149,8 @@ class Stopping(Counted):
         return super().__call__(parameters)
 
 
-@pytest.mark.parametrize("stop", [8, pytest.param(25, marks=SLOW)])
+@SLOW
+@pytest.mark.parametrize("stop", [8, 25])
 def test_a_kill_loses_nothing_and_files_and_pools_change_nothing(
     stop, certified, tmp_path
 ):
@@ -164,10 +173,13 @@ def test_a_kill_loses_nothing_and_files_and_pools_change_nothing(
         ef.run_emulated(rest, 100, seed=2, **file)
 
 
+@SLOW
 def test_more_solves_go_on_from_the_file_of_fewer(refused, tmp_path):
     few, more, file = posed(rippled), posed(rippled), tmp_path / "run.chain"
-    first = ef.run_emulated(few, 52, seed=1, backend=file)
-    found = ef.run_emulated(more, 60, seed=1, backend=file, resume=True)
+    with ThreadPoolExecutor(2) as pool:
+        options = {"seed": 1, "pool": pool, "backend": file}
+        first = ef.run_emulated(few, 52, **options)
+        found = ef.run_emulated(more, 60, **options, resume=True)
     assert str(found) == str(refused[0])  # the same as at once
     fresh = np.array(more.model.solved)[16:]
     before = np.array(few.model.solved)
@@ -182,6 +194,7 @@ def broken(x):
     return linear(x)
 
 
+@SLOW
 def test_failed_solves_are_counted_and_cost_no_more_than_themselves(caplog):
     caplog.set_level(logging.CRITICAL, "emcee_femu")
     posterior = posed(broken)
@@ -197,7 +210,7 @@ def test_failed_solves_are_counted_and_cost_no_more_than_themselves(caplog):
 
 def test_what_is_wrong_is_refused_before_the_first_solve(tmp_path):
     posterior, file = posed(), tmp_path / "run.chain"
-    bare = ef.LogPosterior.from_function(lambda x: -(x**2).sum(1), {"a": (-1, 1)})
+    bare = ef.LogPosterior.from_function(lambda x: -(x @ x), {"a": (-1, 1)})
     for given, options, match in (
         (posterior, {"solves": LEAST - 1}, f"^solves: expected at least {LEAST}"),
         (posterior, {"seed": -1}, "^seed"),

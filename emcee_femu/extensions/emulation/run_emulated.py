@@ -200,15 +200,13 @@ class _Made(NamedTuple):
 
     def sealed(self, archive: Archive, told: str) -> Certificate:
         """Return the certificate with all solves of an archive, and a finding."""
-        whole = replace(
-            self.certificate,
-            solves=archive.solves,
-            failed_solves=archive.failed,
-            notes=(told, *self.certificate.notes),
-        )
+        notes = told, *self.certificate.notes
+        whole = replace(self.certificate, solves=archive.solves, notes=notes)
         again = SOLVED_AGAIN * needs_solves(self.posterior)
         solved = self.posterior, self.rows, self.log_emulated
-        return replace(whole.sealed(*solved, again), solves=archive.solves)
+        sealed = whole.sealed(*solved, again)  # which may take one solve
+        spent, failed = archive.solves, archive.failed
+        return replace(sealed, solves=spent, failed_solves=failed)
 
 
 def _certify(
