@@ -45,6 +45,19 @@ class ProposingMove(Move):
         nsplits: Number of parts of the ensemble that move in turn, guided by those at
             rest, 2 in emcee's ``RedBlueMove``; 1 if walkers propose on their own.
         randomize_split: Whether the parts are drawn anew in every step.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> class CentreMove(ef.moves.ProposingMove):
+        ...     "Reflect a walker in the mean of those at rest."
+        ...     nsplits = 2
+        ...     def get_proposal(self, s, c, random):
+        ...         return 2 * c[0].mean(axis=0) - s, None
+        >>> moves = [(CentreMove(), 0.2), (ef.DEMCMove(), 0.8)]
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> (run,) = ef.run(posterior, moves, 20, 50, seed=1, ensembles=1)
+        >>> run.get_chain().shape
+        (50, 20, 5)
     """
 
     nsplits: int = 1
