@@ -167,7 +167,7 @@ def ladder_of(moves: Iterable[Move]) -> Floats:
     return first
 
 
-def find_stock_fault(move: Move, ndim: int) -> str:
+def find_stock_fault(move: Move) -> str:
     """Return what is wrong with a move of emcee 3.1.6 itself, or an empty string.
 
     Source: emcee's pull requests 571 (GaussianMove) and 531 (DESnookerMove).
