@@ -104,7 +104,7 @@ def judge_data(
         found += find_suspects(posterior, theta[rows[:, 0].argmax()], found)
     whole = posterior.unfold(rows[order])
     for experiment in posterior.experiments:
-        stored, before = (_own(experiment, all_of) for all_of in (whole, start[1]))
+        stored, before = (experiment.stored(all_of) for all_of in (whole, start[1]))
         found = judge_modes(experiment, stored, before, found)
         found += find_skipped(experiment, stored, before, found)
     return tuple(found)
@@ -123,11 +123,6 @@ def _is_stored(experiment: Experiment, term: Term) -> bool:
     return term.reads is not None and {*term.reads} <= {*experiment.variables}
 
 
-def _own(experiment: Experiment, values: Batch) -> Batch:
-    """Return the stored variables of an experiment by their own names."""
-    return {name: values[experiment.full_name(name)] for name in experiment.variables}
-
-
 def _judge_experiment(
     posterior: LogPosterior,
     experiment: Experiment,
@@ -144,7 +139,7 @@ def _judge_experiment(
         few: The samples that may be solved.
         start: The prior mean ``(1, d)``, and all stored variables there.
     """
-    stored, initial = ((at, _own(experiment, held)) for at, held in (some, start))
+    stored, initial = ((at, experiment.stored(held)) for at, held in (some, start))
     sums = list[_Sum]()
     for term, name in zip(experiment.terms, experiment.term_names, strict=True):
         record = FitRecord(
@@ -289,7 +284,7 @@ def _judge_term(
     places = residuals.places or _place(experiment, term, residuals.by_datum)
     for dim, labels in places.items():
         kind = WORDS.get(dim, dim.replace("_", " "))
-        groups = {str(k): labels == k for k in dict.fromkeys(labels.tolist())}
+        groups = {_as_label(k): labels == k for k in dict.fromkeys(labels.tolist())}
         if len(groups) < 2:
             continue
         of_kind = replace(record, kind=kind)
@@ -338,6 +333,10 @@ def _settle(record: FitRecord, looks: int) -> FitRecord:
     p = min(1.0, looks * record.p)
     off = p < MISFIT_BY_CHANCE and record.chi2 > MATTERS * record.size
     return replace(record, p=p, status=MISFIT if off else FITS)
+
+
+def _as_label(place: object) -> str:
+    return f"{place:.6g}" if isinstance(place, float) else str(place)
 
 
 def _place(

@@ -14,6 +14,7 @@ from scipy import stats
 
 import emcee_femu as ef
 from emcee_femu.likelihoods.residuals import (
+    MISFIT,
     NOT_JUDGED,
     RESEMBLES_NONE,
     SKIPPED,
@@ -21,7 +22,7 @@ from emcee_femu.likelihoods.residuals import (
     FitRecord,
 )
 from emcee_femu.results.fit import find_farthest, judge_data
-from emcee_femu.results.fit_modes import judge_modes
+from emcee_femu.results.fit_modes import find_suspects, judge_modes
 from emcee_femu.results.measured import read_measured
 
 SCRIPT = Path(__file__).parents[2] / "examples/benchmarks/fit_calibration.py"
@@ -108,6 +109,21 @@ def test_an_inferred_error_does_not_hide_a_sensor():
     assert named(found, "shape", "sensor") == "s6"
     right = target(NOISY, laws=laws, discrepancy="d")
     assert ef.diagnose(sample(right), 40).fit.status == "fits"
+
+
+@pytest.mark.parametrize(
+    ("status", "term", "count"),
+    [(MISFIT, "shape", 1), ("fits", "shape", 0), (MISFIT, "frequency", 0)],
+)
+def test_sensors_are_looked_at_where_all_shapes_together_do_not_fit(
+    status, term, count
+):
+    """An inferred error hides which mode or sensor it is."""
+    posterior = target(broken("turned"))
+    mode = FitRecord("fits", "", "shape", "mode", "1", mac=0.8)
+    whole = FitRecord(status, "", term, "term")
+    found = [*find_suspects(posterior, np.ones(1), [mode, whole])]
+    assert [record.label for record in found] == ["s4"] * count
 
 
 @pytest.mark.parametrize("shapes_compared", [True, False])
@@ -334,6 +350,14 @@ def test_gauges_and_channels_are_named_by_their_labels():
         found = ef.diagnose(sample(posterior), 40)
         assert found.fit.status == "does not fit"
         assert named(found, "frf", "channel") == data.channels[2].label
+        places = [r.label for r in found.data if r.kind == "line"]
+        np.testing.assert_allclose([*map(float, places)], lines, rtol=1e-5)
+        assert max(map(len, places)) < 9
+    right = ef.frf.FRFMeasurements(lines, H, channels, kind="receptance")
+    term = ef.frf.FRFTerm(right, sd=0.05 * np.abs(H))
+    posterior = ef.LogPosterior(model, term, ef.IndependentPrior(LAW))
+    fit = ef.diagnose(sample(posterior), 40).fit
+    assert fit.status == "fits" and "frf" in fit.sentence
 
 
 def test_a_model_that_fails_when_asked_again_is_no_reason_to_stop():
