@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...contracts import Derivatives, Floats, Parameters, RepeatedModes, Response
-from ...evaluation.evaluator import LOGGED, Evaluation, Failures, Solver
+from ...evaluation.evaluator import LOGGED, Bar, Evaluation, Failures, Solver
 from ...evaluation.failures import FailureLog
 from ...evaluation.resume import StoredEvaluation
 from ...posterior.log_posterior import Kind
@@ -22,11 +22,12 @@ class Archive(Evaluation):
 
     Args:
         evaluation: What solves, and stores.
+        bar: What shows how many there are.
     """
 
-    def __init__(self, evaluation: Evaluation) -> None:
+    def __init__(self, evaluation: Evaluation, bar: Bar) -> None:
         super().__init__(evaluation.solver, evaluation.pool, evaluation.failures)
-        self._evaluation, self._asked = evaluation, set[bytes]()
+        self.bar, self._evaluation, self._asked = bar, evaluation, set[bytes]()
         self._known: dict[bytes, Floats] = {}
         if isinstance(evaluation, StoredEvaluation):
             store = evaluation.store

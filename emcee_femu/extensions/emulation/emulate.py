@@ -221,16 +221,11 @@ def plan(
     """
     problem = EmulationProblem(posterior, checks.flag("derivatives", derivatives))
     seed = checks.whole_number("seed", seed)
-    number, few = size_design(posterior.ndim, problem.derivatives)
+    d, fewer = posterior.ndim, problem.derivatives
+    number = max(d // 2 + 1, FEWEST_FITTED) if fewer else d + MORE
     first = first_points(problem, max(number, width), seed, starts)
+    few = d // (4 if fewer else 2) + 1
     return Design(problem, seed, first, few, max(few, width))
-
-
-def size_design(d: int, derivatives: bool) -> tuple[int, int]:
-    """Return how many points a first design and a batch have for d parameters."""
-    if derivatives:
-        return max(d // 2 + 1, FEWEST_FITTED), d // 4 + 1
-    return d + MORE, d // 2 + 1
 
 
 class Emulation:

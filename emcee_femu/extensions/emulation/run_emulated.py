@@ -4,13 +4,12 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 from os import PathLike
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ... import checks
-from ...contracts import Floats
 from ...evaluation.pools import count_workers
 from ...evaluation.resume import check_path, open_evaluator
 from ...evaluation.samplers import caption, check_progress, progress_bar
@@ -21,26 +20,15 @@ from ...sampling.run import run
 from .archive import Archive, RecalledEvaluation
 from .certificate import CERTIFIED, CORRECTED, REFUSED, Certificate
 from .certify import certify, judge_chain, judge_draws
-from .emulate import (
-    SETTLED,
-    TOLERANCE,
-    Design,
-    Emulation,
-    emulate,
-    plan,
-    size_design,
-)
+from .emulate import SETTLED, TOLERANCE, Emulation, emulate, plan
 from .emulated import EmulatedModel
 from .emulated_chain import EmulatedChain
 
-CHECKED = 40  # solves of a certificate: of thirty draws, and of climbs
+CERTIFIED_BY = 40  # solves of a certificate: of thirty draws, and of climbs
 KEPT = 1  # solve that is kept for the prior mean, which tables of weighted draws show
 MOST_FAILED = 0.2  # share of the draws of a certificate
 GROWTH = 0.25  # of the points between two certificates, whose draws are among them
 CERTIFYING = 2  # stream of random numbers, beside those of emulate
-HOW = (
-    "workers pool on_failure max_failures backend resume probe_tolerance"
-).split()  # arguments of an evaluator, in their order
 BEST_LAST = REFUSED, CORRECTED, CERTIFIED
 RATE_BY = 5  # last rounds of an emulation that tell how fast its error falls
 MOST_OUTLOOK = 10.0  # times as many solves, above which no number is named
@@ -78,7 +66,8 @@ def run_emulated(
     without a file, and if the call was stopped and resumed.
 
     The experiments of :meth:`LogPosterior.joint` share the solves in equal parts and
-    are emulated once; the certificate has the rest, at most 80.
+    are emulated once; the certificate has the rest, at most 80, of which each solves
+    all experiments.
 
     Args:
         posterior: The posterior, with the slow model.
@@ -135,178 +124,134 @@ def run_emulated(
         >>> found.short, found.solves <= 60
         ('certified', True)
     """
+    options = {k: v for k, v in locals().items() if k not in ("posterior", "solves")}
     checks.instance("posterior", posterior, LogPosterior)
     checks.whole_number("solves", solves, 1)
-    width = count_workers(pool, workers)
-    how = workers, pool, on_failure, max_failures, backend, resume, probe_tolerance
     if len(posterior.experiments) > 1 or cheap is not None:
-        options: dict[str, Any] = {"derivatives": derivatives, "starts": starts}
-        options |= (
-            {"cheap": cheap} | dict(zip(HOW, how, strict=True)) | {"progress": progress}
-        )
-        return _run_joint(posterior, solves, checks.whole_number("seed", seed), options)
+        return _run_joint(posterior, solves, options)
+    width = count_workers(pool, workers)
     design = plan(posterior, width, seed, derivatives, starts)
     first, batch = len(design.first), design.batch
-    if solves < (least := first + SETTLED * batch + CHECKED + KEPT):
+    if solves < (least := first + SETTLED * batch + CERTIFIED_BY + KEPT):
         raise ValueError(
             f"solves: expected at least {least} for {posterior.ndim} parameters and "
             f"{width} at a time, {first} of a first design, {SETTLED} batches of "
-            f"{batch} and {CHECKED + KEPT} of a certificate, got {solves}; 150 are "
-            "usual"
+            f"{batch} and {CERTIFIED_BY + KEPT} of a certificate, got {solves}; 150 "
+            "are usual"
         )
-    display = check_progress(progress)
-    asked = design.describe("run_emulated")
+    display, asked = check_progress(progress), design.describe("run_emulated")
+    how = workers, pool, on_failure, max_failures, backend, resume, probe_tolerance
     with (
         open_evaluator(design.problem.recorder(), asked, *how) as evaluator,
         progress_bar(display, solves, "run_emulated") as bar,
     ):
-        archive = Archive(evaluator)
-        archive.bar = bar
-        emulation, made = Emulation(design, archive), list[_Made]()
-        target, tolerance = solves - CHECKED - KEPT, TOLERANCE
+        archive = Archive(evaluator, bar)
+        emulation, made = Emulation(design, archive), list[Certificate]()
+        target, tolerance = solves - CERTIFIED_BY - KEPT, TOLERANCE
         while True:
             emulator = emulation.run(target, tolerance)
             caption(bar, "sampling the emulated posterior")
+            made.append(_certify(emulation, archive, emulator, solves, len(made)))
             left = solves - KEPT - archive.solves
-            size = CHECKED if left >= 2 * CHECKED else left
-            made.append(_certify(design, emulator, archive, size, len(made)))
-            left = solves - KEPT - archive.solves
-            if made[-1].certificate.short == CERTIFIED or left < CHECKED:
+            if made[-1].short == CERTIFIED or left < CERTIFIED_BY:
                 break
-            emulation.take_in(made[-1].certificate.theta)
+            emulation.take_in(made[-1].theta)
             points = len(emulation.theta)
-            more = min(int(GROWTH * points), left - CHECKED)
-            target, tolerance = points + more, 0.0
-        best = max(
-            reversed(made), key=lambda each: BEST_LAST.index(each.certificate.short)
-        )
-        return best.sealed(archive, _tell(emulation, archive, solves, len(made), best))
-
-
-class _Made(NamedTuple):
-    """A certificate that is not sealed yet.
-
-    Attributes:
-        certificate: The certificate.
-        rows: Rows of the draws, ``(n, columns)``.
-        log_emulated: The emulated log-posterior there, ``(n,)``.
-        posterior: The true posterior, as an archive recalls it.
-    """
-
-    certificate: Certificate
-    rows: Floats
-    log_emulated: Floats
-    posterior: LogPosterior
-
-    def sealed(self, archive: Archive, told: str) -> Certificate:
-        """Return the certificate with all solves of an archive, and a finding."""
-        notes = told, *self.certificate.notes
-        whole = replace(self.certificate, solves=archive.solves, notes=notes)
-        again = SOLVED_AGAIN * needs_solves(self.posterior)
-        solved = self.posterior, self.rows, self.log_emulated
-        sealed = whole.sealed(*solved, again)  # which may take one solve
-        spent, failed = archive.solves, archive.failed
-        return replace(sealed, solves=spent, failed_solves=failed)
+            target = points + min(int(GROWTH * points), left - CERTIFIED_BY)
+            tolerance = 0.0
+    best = max(reversed(made), key=lambda each: BEST_LAST.index(each.short))
+    return replace(best, solves=archive.solves, failed_solves=archive.failed)
 
 
 def _certify(
-    design: Design, emulator: EmulatedModel, archive: Archive, size: int, number: int
-) -> _Made:
-    """Sample an emulated posterior, and certify it with so many solves."""
-    rng = np.random.default_rng([design.seed, number, CERTIFYING])
-    posterior = checks.instance("posterior", emulator.posterior, LogPosterior)
-    chains = run(posterior, seed=design.seed + number, progress=False)
-    idata, _ = read_samples(chains, judged=True)
-    chain = EmulatedChain(idata, design.problem.posterior.prior, rng)
-    evaluator = RecalledEvaluation(design.problem, archive)
-    again = SOLVED_AGAIN * needs_solves(evaluator.posterior)  # known already
-    limits = size + again, again, emulator.settled, MOST_FAILED
-    found = judge_draws(chain, judge_chain(idata), evaluator, *limits, rng)
-    certificate = replace(found[0], emulated=emulator)
-    return _Made(certificate, *found[1:], evaluator.posterior)
-
-
-def _tell(
     emulation: Emulation,
     archive: Archive,
+    emulator: EmulatedModel,
     solves: int,
-    made: int,
-    best: _Made,
-) -> str:
-    """Say what was spent, and what more solves would do."""
-    count = f"{made} certificates" if made > 1 else "one certificate"
-    text = f"{archive.solves} of {solves} solves were made, {count} among them"
-    if best.certificate.short == CERTIFIED:
-        return f"{text}."
+    number: int,
+) -> Certificate:
+    """Sample an emulated posterior, and certify it.
+
+    Args:
+        emulation: What made the emulator.
+        archive: What solves.
+        emulator: The emulator.
+        solves: All that may be made, in the end.
+        number: How many certificates were made before.
+    """
+    seed, left = emulation.design.seed, solves - KEPT - archive.solves
+    size = CERTIFIED_BY if left >= 2 * CERTIFIED_BY else left
+    approximate = checks.instance("posterior", emulator.posterior, LogPosterior)
+    chains = run(approximate, seed=seed + number, progress=False)
+    idata, _ = read_samples(chains, judged=True)
+    rng = np.random.default_rng([seed, number, CERTIFYING])
+    evaluator = RecalledEvaluation(emulation.problem, archive)
+    true = evaluator.posterior
+    again = SOLVED_AGAIN * needs_solves(true)  # of what is known already
+    limits = size + again, again, emulator.settled, MOST_FAILED
+    chain = EmulatedChain(idata, true.prior, rng)
+    judged = judge_chain(idata)
+    found, rows, at_draws = judge_draws(chain, judged, evaluator, *limits, rng)
+    told = f"{archive.solves} of {solves} solves were made."
+    if found.short != CERTIFIED:
+        told += _look_ahead(emulation, solves)
+    notes = told, *found.notes
+    found = replace(found, solves=archive.solves, emulated=emulator, notes=notes)
+    return found.sealed(true, rows, at_draws, again)
+
+
+def _look_ahead(emulation: Emulation, solves: int) -> str:
+    """Say what more solves than so many would do."""
+    goes_on = "with the same backend and resume=True, no solve is lost."
     if emulation.settled:
-        return (
-            f"{text}. With solves={2 * solves} the emulator is refined and certified "
-            "again; with the same backend and resume=True, no solve is lost."
-        )
+        return f" Twice as many refine the emulator and certify it again; {goes_on}"
     rounds = [(n, e) for n, _, e, _ in emulation.history if 0 < e < np.inf][-RATE_BY:]
-    spent, errors = np.array(rounds or [(1, np.nan)]).T
-    text += (
-        f". The true error of the emulator is {errors[-1]:.2g} measurement errors, and "
-        f"{TOLERANCE:g} is needed"
+    at, errors = np.array(rounds or [(1, np.inf)]).T
+    told = (
+        f" The true error of the emulator is {errors[-1]:.2g} measurement errors, and "
+        f"{TOLERANCE:g} is needed: "
     )
-    rate = -np.polyfit(spent, np.log(errors), 1)[0] if len(rounds) > 1 else 0.0
-    more = np.log(max(errors[-1] / TOLERANCE, 1.0)) / max(rate, 1e-300)
-    if not more < MOST_OUTLOOK * solves:
+    rate = -np.polyfit(at, np.log(errors), 1)[0] if len(rounds) > 1 else 0.0
+    more = np.log(max(errors[-1] / TOLERANCE, 2.0)) / rate if rate > 0 else np.inf
+    if more > MOST_OUTLOOK * solves:
         return (
-            f"{text}; the last rounds made it no smaller. Look whether the response "
+            f"{told}the last rounds made it no smaller. Look whether the response "
             "jumps, or modes cross that are not returned with their shapes."
         )
-    more = 10 * int(np.ceil((more + 2 * emulation.design.batch) / 10))
-    return (
-        f"{text}: about {more} more solves, as its last rounds fell. Call again with "
-        f"solves={solves + more}; with the same backend and resume=True, no solve is "
-        "lost."
-    )
+    more = solves + 10 * -(-more // 10)
+    return f"{told}at the rate of the last rounds solves={more:.0f} reach it; {goes_on}"
 
 
 def _run_joint(
-    posterior: LogPosterior, solves: int, seed: int, options: dict[str, Any]
+    posterior: LogPosterior, solves: int, options: dict[str, Any]
 ) -> Certificate:
     """Return the certificate of a joint posterior, which is emulated once.
 
     Args:
         posterior: The joint posterior.
         solves: All that may be made.
-        seed: Of all that is drawn.
-        options: Other arguments of ``emulate``.
+        options: The other arguments.
     """
-    width, cheap = count_workers(options["pool"], options["workers"]), options["cheap"]
-    sizes = [
-        size_design(posterior.ndim, options["derivatives"] and e.jacobian is not None)
-        for e in posterior.experiments
-        if e.name not in (cheap or ())
-    ]
-    least = max(
-        max(n, width) + SETTLED * max(few, width) for n, few in sizes or [(0, 0)]
-    )
-    least = len(sizes) * least + CHECKED + KEPT
-    if solves < least:
-        raise ValueError(
-            f"solves: expected at least {least} for {posterior.ndim} parameters and "
-            f"{len(sizes)} experiments that are emulated, got {solves}"
-        )
-    file = None
-    if (path := options["backend"]) is not None:
-        file = f"{os.fspath(path)}.certificate"
+    number = max(len(posterior.experiments) - len(options["cheap"] or ()), 1)
+    if (file := options["backend"]) is not None:
+        file = f"{os.fspath(file)}.certificate"
         check_path(file, options["resume"])  # before a solve
-    share = (solves - CHECKED - KEPT) // max(len(sizes), 1)
-    emulated = emulate(posterior, share, seed=seed, **options)
+    try:
+        share = (solves - CERTIFIED_BY - KEPT) // number
+        emulated = emulate(posterior, share, **options)
+    except ValueError as error:
+        error.add_note(f"{CERTIFIED_BY + KEPT} of {solves} solves are to certify")
+        error.add_note(f"the rest is shared by {number} experiments")
+        raise
     approximate = checks.instance("posterior", emulated.posterior, LogPosterior)
-    chains = run(approximate, seed=seed, progress=False)
-    left = min(solves - KEPT - emulated.solves, 2 * CHECKED)
-    how = {name: options[name] for name in (*HOW, "progress")}
+    chains = run(approximate, seed=options["seed"], progress=False)
+    left = min(solves - KEPT - emulated.solves, 2 * CERTIFIED_BY)
+    own = "derivatives", "starts", "cheap"  # of emulate
+    how = {name: value for name, value in options.items() if name not in own}
     how |= {"backend": file, "max_failures": MOST_FAILED}
-    found = certify(chains, posterior, left, seed=seed, **how)
+    found = certify(chains, posterior, left, **how)
     spent = found.solves + emulated.solves
-    return replace(
-        found,
-        solves=spent,
-        failed_solves=found.failed_solves + emulated.failed_solves,
-        emulated=emulated,
-        notes=(f"{spent} of {solves} solves were made.", *found.notes),
-    )
+    failed = found.failed_solves + emulated.failed_solves
+    notes = f"{spent} of {solves} solves were made.", *found.notes
+    found = replace(found, solves=spent, failed_solves=failed, notes=notes)
+    return replace(found, emulated=emulated)
