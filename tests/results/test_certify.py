@@ -504,3 +504,46 @@ def test_where_nobody_knows_whether_an_emulator_settled_a_finding_says_so(exact)
     run = ef.run(EXACT, ef.DEMCMove(), 20, 200, seed=1, ensembles=1)
     found = ef.certify(run, EXACT, 30, seed=1)  # no emulator
     assert found.settled is None and UNKNOWN not in found.findings
+
+
+@pytest.mark.slow
+def test_the_evidence_is_that_of_the_true_posterior(tmp_path):
+    """Second route: a run on it. A corrected certificate keeps no chain."""
+
+    def raised(parameters, response):
+        return MEASURED(parameters, response) + 3.0
+
+    wrong = ef.LogPosterior(ef.MassSpringModel([1.015, 2.03], SPRINGS), raised, PRIOR)
+    emulated, true = ef.run(wrong, seed=1), ef.log_evidence(ef.run(EXACT, seed=2))
+    found = ef.certify(emulated, EXACT, 300, seed=3)
+    assert found.short == "corrected", found.verdict
+    evidence = ef.log_evidence(found)
+    error = np.hypot(evidence.log_evidence_error, true.log_evidence_error)
+    assert abs(evidence.log_evidence - true.log_evidence) < 4.5 * error
+    off = ef.log_evidence(emulated).log_evidence - true.log_evidence
+    assert 2.0 < off < 4.0  # without the ratio of the two
+    read = stored_and_read(found.idata, tmp_path / "corrected.nc")
+    assert str(ef.log_evidence(read)) == str(evidence)
+    # Of moves that know no evidence there is none.
+    plain = certificate([1.0005, 2.001], 60)[1]
+    assert plain.evidence is None
+    with pytest.raises(ValueError, match="expected a run of 'auto'"):
+        ef.log_evidence(plain)
+
+
+def test_tables_and_a_new_certificate_take_a_certificate_as_its_samples():
+    _, found = certificate([1.0005, 2.001], 60)
+    for tabulate in (ef.parameter_table, ef.frequency_table, ef.predictive_table):
+        assert str(tabulate(found)) == str(tabulate(found.idata))
+    assert ef.to_inference_data(found) is found.idata
+    again = ef.certify(found, EXACT, 60, seed=2)
+    assert str(again) == str(found)  # it knows nothing of the one before
+
+
+def test_a_refused_certificate_is_refused_by_every_judge(tmp_path):
+    idata, found = certificate([1.3, 2.6], 40)
+    assert found.short == "refused" and ef.diagnose(idata).chains.status != "refused"
+    for given in (found, found.idata, stored_and_read(found.idata, tmp_path / "r.nc")):
+        chains = ef.diagnose(given).chains
+        assert chains.status == "refused" and found.verdict in chains.sentence
+        assert "refused" in ef.parameter_table(given).title

@@ -125,7 +125,7 @@ def test_an_emulator_that_is_not_certified_learns_from_the_draws(monkeypatch):
     posterior = posed(rippled)
     found = ef.run_emulated(posterior, 110, seed=1)
     solved = np.array(posterior.model.solved)
-    assert "2 certificates" in unwrapped(found)
+    assert "certificate 2" in unwrapped(found)
     assert found.solves == len(solved) == len(np.unique(solved, axis=0)) <= 110
     # Of all that was solved before the last certificate it has learned what climbs
     # did not need.

@@ -192,7 +192,7 @@ def _certify(
     chain = EmulatedChain(idata, true.prior, rng)
     judged = judge_chain(idata)
     found, rows, at_draws = judge_draws(chain, judged, evaluator, *limits, rng)
-    told = f"{archive.solves} of {solves} solves were made."
+    told = f"{archive.solves} of {solves} solves led to certificate {number + 1}."
     if found.short != CERTIFIED:
         told += _look_ahead(emulation, solves)
     notes = told, *found.notes
