@@ -96,6 +96,7 @@ def test_what_it_returns_goes_into_every_table_and_judgement(certified, tmp_path
     assert ef.report(found, tmp_path / "found.html").exists()
     again = ef.certify(found, posed(linear, term=Unnormalised()), 60, seed=5)
     assert again.short == "certified"
+    assert str(ef.log_evidence(again)).count("full solves") == 1  # corrected once
     assert len(model.solved) == spent  # none of these solves
 
 
