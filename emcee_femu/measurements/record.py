@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from os import PathLike
 from typing import Any, Self
 
@@ -291,13 +291,16 @@ class Measurements(Report):
         modes: Sequence[int] | None = None,
         sensors: Sequence[str] | None = None,
         dofs: ArrayLike | None = None,
+        nodes: Mapping[int, Hashable] | None = None,
     ) -> Self:
         """Read normal or complex modes from a universal file.
 
         Modes are read from data sets 55, which test systems write, and 2414, which FE
-        programs write. A sensor is a node and a direction, ``"12:x"``, in the file's
-        own coordinate systems. The modes are sorted by frequency. Frequencies are in Hz
-        whatever the file's units, and undamped. Positive damping ratios are also read:
+        programs write. A sensor is a node and a direction, ``"12:x"``, along the axes
+        of its displacement coordinate system (data sets 15, 781 or 2411, and 18 or
+        2420), which are the global axes unless the file says otherwise. The modes are
+        sorted by frequency. Frequencies are in Hz whatever the file's units, and
+        undamped. Positive damping ratios are also read:
         the viscous ratio, or else half the hysteretic one, or the ratio that follows
         from the eigenvalue.
 
@@ -310,22 +313,33 @@ class Measurements(Report):
                 those that are zero in every mode, which marks unmeasured DOFs in these
                 files. A node that is absent from a mode counts as missing in it.
             dofs: The model's DOF at each sensor that is kept.
+            nodes: In place of dofs, ``{node of the file: node of the model}``; sensors
+                at other nodes are left out. With ``{12: 3}`` the sensor ``"12:x"`` is
+                at the DOF ``"3:ux"``, or where node 12 has axes of its own, Cartesian
+                or cylindrical, at the combination of ``"3:ux"``, ``"3:uy"`` and
+                ``"3:uz"`` by their direction cosines.
 
         Returns:
             The modes, with shapes at the kept sensors.
 
         Raises:
-            ValueError: If there are no modes, a mode cannot be read or has 0 Hz, or a
-                sensor is unknown.
+            TypeError: If both dofs and nodes are given.
+            ValueError: If there are no modes, a mode cannot be read or has 0 Hz, a
+                sensor or a node is unknown, or nodes are given where the file does not
+                define their axes or these are spherical.
 
         Warns:
-            UserWarning: If sensors are zero in all modes, or absent from some.
+            UserWarning: If sensors are zero in all modes, or absent from some; or if
+                they are not along global axes, and neither nodes nor a combination of
+                DOFs says so.
 
         Examples:
             >>> from emcee_femu import Measurements
             >>> modes = Measurements.from_uff("a.uff", dofs=[4, 9])  # doctest: +SKIP
+            >>> at = {11: 0, 12: 3}
+            >>> modes = Measurements.from_uff("b.uff", nodes=at)  # doctest: +SKIP
         """
-        return cls(**uff.read_uff(path, sensors, modes), dofs=dofs)
+        return cls(**uff.read_uff(path, sensors, modes, dofs, nodes))
 
     @classmethod
     def from_pyoma2(

@@ -15,7 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 from ... import checks
 from ...contracts import Floats, Variable
 from ...measurements.modes import along_axis
-from ...measurements.uff import UFF_AXES, Path
+from ...measurements.universal import (
+    UFF_AXES,
+    Nodes,
+    Path,
+    name_dofs,
+    read_sets,
+    warn_of_own_axes,
+)
 from ...table import Column, Parts, Report, Table
 
 # Power of i omega relative to receptance, and the SI unit.
@@ -196,14 +203,18 @@ class FRFMeasurements(Report):
         averages: int | None = None,
         between: tuple[float, float] | None = None,
         kind: str | None = None,
+        nodes: Nodes | None = None,
     ) -> Self:
         """Read FRFs and coherences from the data sets 58 of a universal file.
 
-        DOFs are labelled as in :meth:`Measurements.from_uff`, ``"12:z"``, or ``"12"``
-        if the file gives no direction. A direction against the axis reverses the sign.
-        The kind follows from the ordinate: displacement, velocity or acceleration over
-        force. Values are converted to SI from the units of the file (data set 164).
-        Text and binary data sets (58b) are read. Requires the extra ``uff``.
+        DOFs are labelled as in :meth:`Measurements.from_uff`, ``"12:z"`` along the axes
+        of node 12, or ``"12"`` if the file gives no direction. With ``nodes`` they are
+        DOFs of the model, ``"3:uz"``, or combinations of them, ``"0.8*3:ux +
+        0.6*3:uz"``: give the model ``shapes=measured.dofs``. A direction against the
+        axis reverses the sign. The kind follows from the ordinate: displacement,
+        velocity or acceleration over force. Values are converted to SI from the units
+        of the file (data set 164). Text and binary data sets (58b) are read. Requires
+        the extra ``uff``.
 
         Args:
             path: The universal file.
@@ -213,16 +224,20 @@ class FRFMeasurements(Report):
                 lines are not checked.
             kind: "receptance", "mobility" or "accelerance", if the file does not give
                 it: some analysers write the type of the ordinate as unknown.
+            nodes: ``{node of the file: node of the model}``, as in
+                :meth:`Measurements.from_uff`; channels at other nodes are left out.
 
         Returns:
             The FRFs of all channels, with their coherences.
 
         Raises:
             ImportError: If pyuff is not installed.
-            ValueError: If there are no FRFs, or they differ in lines or kind.
+            ValueError: If there are no FRFs, or they differ in lines or kind; or nodes
+                are given where a channel has no direction, or its axes are not known.
 
         Warns:
-            UserWarning: If a line at 0 Hz is left out, or values are converted to SI.
+            UserWarning: If a line at 0 Hz is left out, values are converted to SI, or,
+                without nodes, channels are not along global axes.
 
         Examples:
             >>> from emcee_femu.extensions.frf import FRFMeasurements
@@ -234,6 +249,7 @@ class FRFMeasurements(Report):
         """
         checks.one_of("kind", kind, [None, *FRF_KINDS])
         fields = _read_uff58(path, averages, kind)
+        _place_channels(path, fields, nodes)
         if between is not None:
             low, high = checks.group("between", between, "(low, high) in Hz", 2)
             kept = _find_lines(fields["lines"], low, high)
@@ -257,6 +273,11 @@ class FRFMeasurements(Report):
             + ("" if self.averages is None else f", {self.averages} averages"),
             columns,
         )
+
+    @property
+    def dofs(self) -> tuple[Hashable, ...]:
+        """All DOFs of the channels, each once: what a model needs as ``shapes=``."""
+        return tuple(dict.fromkeys(dof for channel in self.channels for dof in channel))
 
     def between(self, low: float, high: float) -> FRFMeasurements:
         """Return the lines from ``low`` to ``high`` Hz, both included."""
@@ -339,6 +360,25 @@ def _read_uff58(path: Path, averages: int | None, kind: str | None) -> dict[str,
         raise ValueError(f"averages: {path} has no coherence of {missing}; omit it")
     coherence = np.array([read[COHERENCE][channel] for channel in read[FRF]])
     return {**fields, "coherence": coherence, "averages": averages}
+
+
+def _place_channels(path: Path, fields: dict[str, Any], nodes: Nodes | None) -> None:
+    """Name channels by the model's DOFs, or warn where axes are not the global ones."""
+    sets, channels = read_sets(path), fields["channels"]
+    labels = dict.fromkeys(label for channel in channels for label in channel)
+    if nodes is None:
+        warn_of_own_axes(path, sets, [label for label in labels if ":" in label])
+        return
+    dofs = name_dofs(path, sets, labels, nodes)
+    kept = [i for i, pair in enumerate(channels) if {*pair} <= {*dofs}]
+    if not kept:
+        raise ValueError(
+            f"nodes: {path} has no channel with both ends at {[*nodes]}; it has "
+            f"{', '.join(map('/'.join, channels))}"
+        )
+    fields["channels"] = [tuple(dofs[label] for label in channels[i]) for i in kept]
+    for name in fields.keys() & {"values", "coherence"}:
+        fields[name] = fields[name][kept]
 
 
 def _open_uff(path: Path) -> tuple[Any, list[int]]:
