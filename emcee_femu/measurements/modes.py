@@ -58,12 +58,17 @@ def shapes(value: ArrayLike, n_modes: int, missing: bool = False) -> Shapes:
     raw = checks.complex_array("shapes", value)
     if raw.ndim < 2 or raw.shape[-1] != n_modes or not raw.size:
         turned = "; transpose them" if raw.shape[:1] == (n_modes,) else ""
+        if raw.ndim == 1 and n_modes == 1:
+            turned = "; a column is np.reshape(shapes, (-1, 1))"
         expected = f"(n_sensors, {n_modes}), one column per frequency"
         raise ValueError(f"shapes: expected {expected}, got {raw.shape}{turned}")
     wrong = np.isinf(raw) if missing else ~np.isfinite(raw)
     _refuse("shapes", raw, "finite numbers", wrong)
     for index in np.argwhere(~np.nan_to_num(raw).any(axis=-2)):
-        raise ValueError(f"shapes: mode {index[-1] + 1} is zero at all sensors")
+        raise ValueError(
+            f"shapes: mode {index[-1] + 1} is zero, or missing, at all sensors; leave "
+            "the mode out here, and give its frequency to a FrequencyTerm of its own"
+        )
     return raw
 
 

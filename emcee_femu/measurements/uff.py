@@ -177,9 +177,10 @@ def _find_modes(path: Path, sets: Sequence[DataSet]) -> list[Mode]:
     found = [_read_header(*data) for data in sets if data.kind in LAYOUTS]
     if not (modes := [mode for mode in found if mode is not None]):
         kinds = sorted({data.kind for data in sets})
+        doubt = "" if kinds else " (none: is it a universal file?)"
         raise ValueError(
             f"{path}: expected modes, data sets 55 or 2414 of an analysis of type 2, 3 "
-            f"or 7, got none; its data sets are of types {kinds}: export "
+            f"or 7, got none; its data sets are of types {kinds}{doubt}: export "
             "the modes too, or read FRFs (type 58) by FRFMeasurements.from_uff"
         )
     return modes

@@ -1,12 +1,12 @@
 """What models share at their border: parameter sets, DOFs, and matrices."""
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csc_array, issparse
+from scipy.sparse import csc_array, issparse, tril, triu
 
 from .. import checks
 from ..contracts import Derivatives, Floats, Parameters
@@ -133,9 +133,12 @@ def read_matrix(
         raise ValueError(f"{argument}: expected K0's shape {(size,) * 2}, got {(N, N)}")
     gap, largest = abs(matrix - matrix.T).max(), abs(matrix).max()
     if gap > ASYMMETRY * largest:
+        cure = "if this is rounding, give 0.5 * (A + A.T)"
+        if not tril(matrix, -1).count_nonzero() or not triu(matrix, 1).count_nonzero():
+            cure = "is it one triangle? Add the other: A + A.T, with the diagonal once"
         raise ValueError(
             f"{argument}: expected a symmetric matrix, but entries differ from the "
-            f"transpose by up to {gap:.3g} (largest entry {largest:.3g})"
+            f"transpose by up to {gap:.3g} (largest entry {largest:.3g}); {cure}"
         )
     mean = 0.5 * (matrix + matrix.T)
     if not sparse:
@@ -144,6 +147,21 @@ def read_matrix(
     result.eliminate_zeros()
     result.sort_indices()
     return result
+
+
+def refuse_empty(
+    K: Sequence[Matrix], M: Sequence[Matrix], labels: Sequence[Hashable]
+) -> None:
+    """Refuse rows that have neither stiffness nor mass in any matrix."""
+    every = [csc_array(matrix) for matrix in (*K, *M)]
+    entries = np.sum([np.diff(matrix.indptr) for matrix in every], axis=0)
+    if rows := np.flatnonzero(entries == 0).tolist():
+        more = f" and {len(rows) - LISTED} more" if len(rows) > LISTED else ""
+        raise ValueError(
+            f"K0, M0: DOFs {[labels[row] for row in rows[:LISTED]]}{more} have neither "
+            "stiffness nor mass; leave their rows and columns out of all matrices, "
+            "A[np.ix_(kept, kept)]"
+        )
 
 
 def warn_of_uncoupled(

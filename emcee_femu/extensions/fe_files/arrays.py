@@ -113,9 +113,19 @@ def _choose_square(path: Path, named: Mapping[str, Any]) -> list[Part]:
             if array.dtype.kind in "iufc":
                 square[name] = array
     if not square:
-        shapes = {name: np.shape(value) for name, value in named.items()}
+        shapes = {
+            name: np.shape(value)
+            for name, value in named.items()
+            if not name.startswith("__")  # what loadmat adds
+        }
+        structs = [name for name in shapes if np.asarray(named[name]).dtype.names]
+        cure = AGAIN
+        if structs:
+            cure = f"of a structure write save('K.mat', '-struct', '{structs[0]}')"
+        elif shapes:
+            cure = "measured modes are Measurements(frequencies, shapes); or " + AGAIN
         raise ValueError(
-            f"{path}: expected square matrices of numbers, got {shapes}; {AGAIN}"
+            f"{path}: expected square matrices of numbers, got {shapes}; {cure}"
         )
     larger = {name: array for name, array in square.items() if array.shape[0] > 1}
     return [

@@ -22,6 +22,7 @@ from ...contracts import (
 )
 from ...figures.style import BELOW, BLUE, Style, finish, subplots
 from ...likelihoods.term import MODEL_ERROR, Deviations, Term, error_array
+from ...measurements.modes import LARGE_DAMPING, doubt_percent
 from ...models.inputs import derive_along
 from ...models.matrix import AffineModel, StaticModel
 from ...models.sensors import Sensor
@@ -266,12 +267,16 @@ def _read_damping(damping: Any, n_modes: int) -> tuple[float | str, ...]:
                 "damping: expected one number or name, or one for each of "
                 f"{n_modes} modes, or {{'mass': a, 'stiffness': b}}, got {damping!r}"
             )
-    return tuple(
+    read = tuple(
         checks.parameter_names("damping", [x])[0]
         if isinstance(x, str)
         else checks.real_number("damping", x, 0.0)
         for x in values
     )
+    if not isinstance(damping, Mapping):
+        stated = np.array([0.0, *(x for x in read if not isinstance(x, str))])
+        doubt_percent("damping", stated, LARGE_DAMPING, "the critical one")
+    return read
 
 
 def _build_static(model: object, rows: list[int], columns: list[int]) -> Static:
@@ -323,7 +328,8 @@ class FRFTerm(Term):
     Raises:
         TypeError: If measured is not FRFMeasurements.
         ValueError: If the error is unknown, sd is not positive or has another shape, or
-            only magnitudes were measured and ``amplitude`` is False.
+            only magnitudes were measured and ``amplitude`` is False, or these are
+            negative, as in dB.
 
     Source: Bendat and Piersol, Random Data, 4th ed. (2010), section 9.2.
 
@@ -352,10 +358,16 @@ class FRFTerm(Term):
         self.label(name, discrepancy)
         self.amplitude = checks.flag("amplitude", amplitude)
         self.statement, self.formula = BY_AMPLITUDE if self.amplitude else BY_PARTS
-        if not (self.amplitude or measured.values.imag.any()):
+        real = not measured.values.imag.any()
+        if real and not self.amplitude:
             raise ValueError(
                 "measured: expected complex values with their phases, got real ones "
                 "alone; of magnitudes take FRFTerm(..., amplitude=True)"
+            )
+        if real and (measured.values.real < 0).all():
+            raise ValueError(
+                "measured: expected magnitudes above zero, got negative ones; are they "
+                "in dB? Then give 10 ** (values / 20)"
             )
         shape, spread = measured.values.shape, measured.sd
         if (self.amplitude or sd is None) and not measured.values.all():
