@@ -116,7 +116,10 @@ def _numbers(argument: str, value: ArrayLike, kinds: str, described: str) -> Any
     try:
         raw = np.asarray(value)
     except (TypeError, ValueError) as why:  # ragged nesting, a Dataset
-        raise ValueError(f"{argument}: expected a rectangular array ({why})") from None
+        raise ValueError(
+            f"{argument}: expected a rectangular array, as many numbers in each row "
+            f"({why})"
+        ) from None
     if raw.dtype.kind not in kinds:
         got, cure = f"{type(value).__name__} of dtype {raw.dtype}", ""
         words = [each for each in raw.flat if isinstance(each, str)]

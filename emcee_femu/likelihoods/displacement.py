@@ -76,7 +76,12 @@ class DisplacementTerm(Term):
         points: Sequence[Hashable] | None = None,
         name: str = "displacement",
     ) -> None:
-        self.measured = u = checks.real_array("measured", measured, 2)
+        self.measured = u = checks.real_array("measured", measured)
+        if u.ndim != 2:
+            raise ValueError(
+                f"measured: expected (n_cases, n_points), got {u.shape}; displacements "
+                "of one load case are [[..]]"
+            )
         if not u.size:
             raise ValueError("measured: expected at least one displacement, got none")
         self.label(name, discrepancy)

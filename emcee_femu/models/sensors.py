@@ -202,6 +202,8 @@ def match_rows(
         )
     labels = variables["shapes"].coords.get("dof")
     if labels is None or measurements.dofs is None:
+        if labels is not None:  # refuses another number of rows
+            at_sensors(np.empty((len(labels), 0)), None, measurements.n_sensors)
         return None
     sensors = measurements.dofs.tolist()
     found, missing = match_sensors(sensors, labels)

@@ -138,6 +138,23 @@ CURES = {
         r"E: .*\(number, name\), got \('E'",
         lambda: frame({0: "fixed"}),
     ),
+    "bar twice": (
+        lambda: ef.FrameModel(POINTS, [*BARS, (1, 0, "bar")], {"bar": ef.Section(
+            **BAR)}, {0: "fixed"}, n_modes=1),
+        r"elements\[2\]: .*elements\[0\] again",
+        lambda: ef.FrameModel(POINTS, [*BARS, (1, 0, "wire")], {"bar": ef.Section(
+            **BAR), "wire": ef.Section(**BAR)}, {0: "fixed"}, n_modes=1),
+    ),
+    "one case": (
+        lambda: ef.DisplacementTerm([12.0, 3.0], relative_sd=0.01),
+        r"measured: .*\[\[\.\.\]\]",
+        lambda: ef.DisplacementTerm([[12.0, 3.0]], relative_sd=0.01),
+    ),
+    "places": (
+        lambda: paired(None),
+        r"dofs: .*Measurements\(dofs=",
+        lambda: paired(["1:uy", "2:uy"]),
+    ),
     "load case": (
         lambda: FREE.static({"2:uz": 5.0}),
         r"loads=\{'case': \{'2:uz': 5\.0\}\}",
