@@ -10,6 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 Floats: TypeAlias = NDArray[np.float64]
 T = TypeVar("T")
+LISTED = 12  # labels in a message, so that it stays readable
+
+
+def listed(labels: Iterable[object]) -> str:
+    """Return labels with commas between them, of many only the first."""
+    shown = [*map(str, labels)]
+    more = f" and {len(shown) - LISTED} more" if len(shown) > LISTED else ""
+    return ", ".join(shown[:LISTED]) + more
 
 
 def set_fields(record: object, **fields: object) -> None:

@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import checks
 from ..contracts import Floats
 from ..digits import show
 from ..table import Parts, Report, Table
@@ -394,7 +395,7 @@ class Measurements(Report):
     def _table(self) -> Table:
         title = f"Measured modes: {self.n_modes}"
         if self.sensors:
-            title += f", sensors: {self.n_sensors} ({', '.join(self.sensors)})"
+            title += f", sensors: {self.n_sensors} ({checks.listed(self.sensors)})"
         sd = self.sd
         if self.covariance is not None:
             sd = np.sqrt(np.diag(self.covariance))

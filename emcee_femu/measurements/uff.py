@@ -80,8 +80,9 @@ def read_uff(
     absent = [x for x in kept if np.isnan(rows[x]).any()]
     if absent or (zero and sensors is None):
         warnings.warn(
-            f"{path}: taken as not measured: zero in all modes, left out, {zero}; "
-            f"absent in some modes, NaN there, {absent}; pass sensors= to choose",
+            f"{path}: taken as not measured: zero in all modes, left out, "
+            f"[{checks.listed(map(repr, zero))}]; absent in some modes, NaN there, "
+            f"[{checks.listed(map(repr, absent))}]; pass sensors= to choose",
             stacklevel=3,
         )
     shapes = np.array([rows[x] for x in kept])

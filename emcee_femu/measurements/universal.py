@@ -232,9 +232,9 @@ def warn_of_own_axes(
     axes = read_axes(sets)
     if turned := [label for label in sensors if _split(label)[0] in axes]:
         warnings.warn(
-            f"{path}: {turned} are along axes of their nodes that are not the global "
-            "ones (data sets 18 or 2420); give nodes={node of the file: node of the "
-            "model}, which turns them",
+            f"{path}: [{checks.listed(map(repr, turned))}] are along axes of their "
+            "nodes that are not the global ones (data sets 18 or 2420); give "
+            "nodes={node of the file: node of the model}, which turns them",
             stacklevel=4,
         )
 

@@ -16,7 +16,6 @@ Where: TypeAlias = Callable[[int], str]  # names a parameter set i in a message
 Weights: TypeAlias = Sequence[Floats]  # of K and of M, (n, n_k) and (n, n_m)
 
 
-LISTED = 10  # rows in a message
 # Share of the largest entry. FE programs print 7 (single precision) to 16 digits, and
 # what they reduce to superelements is off by 1e-7.
 ASYMMETRY = 1e-6
@@ -156,9 +155,9 @@ def refuse_empty(
     every = [csc_array(matrix) for matrix in (*K, *M)]
     entries = np.sum([np.diff(matrix.indptr) for matrix in every], axis=0)
     if rows := np.flatnonzero(entries == 0).tolist():
-        more = f" and {len(rows) - LISTED} more" if len(rows) > LISTED else ""
+        names = checks.listed(labels[row] for row in rows)
         raise ValueError(
-            f"K0, M0: DOFs {[labels[row] for row in rows[:LISTED]]}{more} have neither "
+            f"K0, M0: the DOFs {names} have neither "
             "stiffness nor mass; leave their rows and columns out of all matrices, "
             "A[np.ix_(kept, kept)]"
         )
@@ -193,10 +192,9 @@ def warn_of_uncoupled(
         hertz = np.sqrt(np.maximum(k[rows] / m[rows], 0.0)) / (2 * np.pi)
         names = [str(labels[row]) if labels else str(row) for row in rows]
         each = [f"{name} ({f:.4g} Hz)" for name, f in zip(names, hertz, strict=True)]
-        more = f" and {len(rows) - LISTED} more" if len(rows) > LISTED else ""
         warnings.warn(
             "K0, K: each of these rows is coupled to no other, and is a mode by itself "
-            f"(with parameters of 1): {', '.join(each[:LISTED])}{more}. If they are "
+            f"(with parameters of 1): {checks.listed(each)}. If they are "
             "held DOFs of an export, leave their rows and columns out of all matrices; "
             "if they are fixed-base modes, as of a Craig-Bampton reduction, keep them",
             stacklevel=3,

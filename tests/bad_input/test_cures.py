@@ -109,7 +109,7 @@ CURES = {
     ),
     "held rows": (
         lambda: matrices(ZERO, HELD, HELD),
-        r"DOFs \[1\] .*np\.ix_\(kept, kept\)",
+        r"DOFs 1 have .*np\.ix_\(kept, kept\)",
         lambda: matrices(ZERO[KEPT], HELD[KEPT], np.ones((2, 2)) + HELD[KEPT]),
     ),
     "free": (
@@ -228,11 +228,8 @@ def test_cells_of_spreadsheets_that_are_no_numbers(row, message, tmp_path):
         ef.Measurements.from_csv(path)
 
 
-def test_a_structure_and_a_modal_set_of_matlab_are_no_matrices(tmp_path):
+def test_a_modal_set_of_matlab_is_no_matrix(tmp_path):
     path = tmp_path / "model.mat"
-    io.savemat(path, {"model": {"K": K, "M": M}})
-    with pytest.raises(ValueError, match="'-struct', 'model'"):
-        ef.read_matrices(path)
     io.savemat(path, {"Phi": K[:, :2], "f": F})
     with pytest.raises(ValueError, match=r"\{'Phi': \(3, 2\).*Measurements\("):
         ef.read_matrices(path)
