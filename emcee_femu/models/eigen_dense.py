@@ -296,7 +296,7 @@ def _compare(rounding: float, eigenvalue: float) -> str:
     ratio = stiffest / max(abs(eigenvalue), rounding * EPS)
     return (
         f"beside the stiffest part ({stiffest:.0e} (rad/s)^2, a ratio of {ratio:.0e}): "
-        "make rigid links softer"
+        "make rigid links softer, or export the matrices with more digits"
     )
 
 
