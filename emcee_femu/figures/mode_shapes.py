@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 
 from .. import checks
 from ..contracts import Floats, read_declared
-from ..measurements.modes import is_rotation, read_combination
+from ..measurements.directions import is_rotation, read_combination
 from ..models.geometry import Geometry
 from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior

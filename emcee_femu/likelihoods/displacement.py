@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..contracts import Floats, Parameters, Response, Variable, read
-from ..measurements.modes import LARGE_ERROR_PRIOR, along_axis, doubt_percent
+from ..measurements.directions import along_axis
+from ..measurements.modes import LARGE_ERROR_PRIOR, doubt_percent
 from .term import MODEL_ERROR, Deviations, Term, choose_error, error_array
 
 

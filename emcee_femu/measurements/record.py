@@ -13,7 +13,7 @@ from .. import checks
 from ..contracts import Floats
 from ..digits import show
 from ..table import Parts, Report, Table
-from . import csv_files, modes, uff
+from . import csv_files, directions, modes, uff
 
 
 class Measurements(Report):
@@ -123,7 +123,7 @@ class Measurements(Report):
             self.n_sensors, there = len(raw), ~np.isnan(raw)
             raw[~there] = 0.0
         self.sensors = modes.labels(sensors, self.n_sensors)
-        self.dofs, signs = modes.dofs(dofs, self.n_sensors)
+        self.dofs, signs = directions.read_dofs(dofs, self.n_sensors)
         if there is not None:
             alike = np.where(modes.compares(raw, self._labels), raw, 0.0)
             phases = modes.phases(alike)

@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..contracts import Floats
-from .modes import Fields, find_duplicates, phases, read_combination
+from .directions import read_combination
+from .modes import Fields, find_duplicates, phases
 from .universal import (
     UFF_AXES,
     DataSet,

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import checks
 from ..contracts import Floats
-from .modes import write_combination
+from .directions import write_combination
 
 Path = str | PathLike[str]
 END = "    -1"  # the line before and after a data set

@@ -21,7 +21,7 @@ from ..contracts import (
     modal_variables,
     show_declared,
 )
-from ..measurements.modes import along_axis
+from ..measurements.directions import along_axis
 from .coefficients import Coefficients, Unit, read_units
 from .eigen_dense import Eigenproblem, Wanted, combine
 from .eigen_sparse import DenseProblem, SparseEigenproblem, SparseSum

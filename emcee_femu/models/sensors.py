@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..contracts import Floats, Model, Variable, read_declared
 from ..measurements import Measurements
-from ..measurements.modes import (
+from ..measurements.directions import (
     along_axis,
     read_combination,
     unit_of,

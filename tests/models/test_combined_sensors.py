@@ -5,7 +5,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 import emcee_femu as ef
-from emcee_femu.measurements.modes import read_combination, unit_of, write_combination
+from emcee_femu.measurements.directions import (
+    read_combination,
+    unit_of,
+    write_combination,
+)
 
 COS, SIN = 0.8, 0.6
 SKEW = {"2:ux": COS, "2:uy": SIN}
