@@ -293,13 +293,12 @@ class Measurements(Report):
         sensors: Sequence[str] | None = None,
         dofs: ArrayLike | None = None,
         nodes: Mapping[int, Hashable] | None = None,
+        axes: str | None = None,
     ) -> Self:
         """Read normal or complex modes from a universal file.
 
         Modes are read from data sets 55, which test systems write, and 2414, which FE
-        programs write. A sensor is a node and a direction, ``"12:x"``, along the axes
-        of its displacement coordinate system (data sets 15, 781 or 2411, and 18 or
-        2420), which are the global axes unless the file says otherwise. The modes are
+        programs write. A sensor is a node and a direction, ``"12:x"``. The modes are
         sorted by frequency. Frequencies are in Hz whatever the file's units, and
         undamped. Positive damping ratios are also read:
         the viscous ratio, or else half the hysteretic one, or the ratio that follows
@@ -316,9 +315,14 @@ class Measurements(Report):
             dofs: The model's DOF at each sensor that is kept.
             nodes: In place of dofs, ``{node of the file: node of the model}``; sensors
                 at other nodes are left out. With ``{12: 3}`` the sensor ``"12:x"`` is
-                at the DOF ``"3:ux"``, or where node 12 has axes of its own, Cartesian
-                or cylindrical, at the combination of ``"3:ux"``, ``"3:uy"`` and
-                ``"3:uz"`` by their direction cosines.
+                at the DOF ``"3:ux"``.
+            axes: Needed where the file defines axes of their own for nodes (their
+                displacement coordinate systems: data sets 15, 781 or 2411, and 18 or
+                2420). "global" if the values are along global axes all the same, as
+                the format says of shapes; "own" if they are along the axes of each
+                node, as many test programs write them. A sensor is then at the
+                combination of the model's ``"3:ux"``, ``"3:uy"`` and ``"3:uz"`` by
+                their direction cosines, of Cartesian or of cylindrical axes.
 
         Returns:
             The modes, with shapes at the kept sensors.
@@ -326,13 +330,13 @@ class Measurements(Report):
         Raises:
             TypeError: If both dofs and nodes are given.
             ValueError: If there are no modes, a mode cannot be read or has 0 Hz, a
-                sensor or a node is unknown, or nodes are given where the file does not
-                define their axes or these are spherical.
+                sensor or a node is unknown; or nodes are given without axes where they
+                have their own, or these are spherical or not defined.
 
         Warns:
             UserWarning: If sensors are zero in all modes, or absent from some; or if
-                they are not along global axes, and neither nodes nor a combination of
-                DOFs says so.
+                their nodes have axes of their own, and neither axes nor a combination
+                of DOFs says what they are along.
 
         Examples:
             >>> from emcee_femu import Measurements
@@ -340,7 +344,7 @@ class Measurements(Report):
             >>> at = {11: 0, 12: 3}
             >>> modes = Measurements.from_uff("b.uff", nodes=at)  # doctest: +SKIP
         """
-        return cls(**uff.read_uff(path, sensors, modes, dofs, nodes))
+        return cls(**uff.read_uff(path, sensors, modes, dofs, nodes, axes))
 
     @classmethod
     def from_pyoma2(

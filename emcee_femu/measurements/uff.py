@@ -12,6 +12,7 @@ from ..contracts import Floats
 from .directions import read_combination
 from .modes import Fields, find_duplicates, phases
 from .universal import (
+    ALONG,
     UFF_AXES,
     DataSet,
     Nodes,
@@ -60,8 +61,10 @@ def read_uff(
     numbers: Sequence[int] | None,
     dofs: ArrayLike | None,
     nodes: Nodes | None,
+    axes: str | None,
 ) -> Fields:
     """Return the arguments of :class:`Measurements` that a universal file holds."""
+    checks.one_of("axes", axes, [None, *ALONG])
     sets = read_sets(path)
     found = _find_modes(path, sets)
     hertz = np.array([mode.hertz for mode in found])
@@ -70,7 +73,7 @@ def read_uff(
     labels = dict.fromkeys(label for column in values for label in column)
     rows = {x: np.array([column.get(x, np.nan) for column in values]) for x in labels}
     if nodes is not None:
-        named = name_dofs(path, sets, rows, nodes)
+        named = name_dofs(path, sets, rows, nodes, axes)
         rows = {x: rows[x] for x in named}
     zero = [x for x, row in rows.items() if not np.nansum(abs(row))]
     chosen = [x for x in rows if x not in zero] if sensors is None else sensors
@@ -95,7 +98,7 @@ def read_uff(
         given = [] if dofs is None else np.asarray(dofs, dtype=object).ravel().tolist()
         said = [isinstance(dof, Mapping) or read_combination(dof) for dof in given]
         plain = [x for i, x in enumerate(kept) if not any(said[i : i + 1])]
-        warn_of_own_axes(path, sets, plain)
+        warn_of_own_axes(path, sets, plain, axes)
     known = np.nan_to_num(shapes)
     twice = find_duplicates(hertz[order], (known * phases(known)).real)
     if twice and known.any(axis=0).all():

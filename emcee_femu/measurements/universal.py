@@ -34,6 +34,8 @@ COSINE_DIGITS = 5  # data sets 18 have six digits
 SMALLEST = 5e-6  # cosine that is not zero by these digits
 ORTHOGONAL = 1e-3  # how far axes may be from orthogonal ones of length one
 
+ALONG = ("own", "global")  # whose axes values are along
+
 Nodes: TypeAlias = Mapping[int, Hashable]  # node of the file -> node of the model
 
 
@@ -183,7 +185,11 @@ def _read_systems(data: DataSet, known: Mapping[int, System]) -> dict[int, Syste
 
 
 def name_dofs(
-    path: Path, sets: Iterable[DataSet], sensors: Iterable[str], nodes: Nodes
+    path: Path,
+    sets: Iterable[DataSet],
+    sensors: Iterable[str],
+    nodes: Nodes,
+    along: str | None,
 ) -> dict[str, str]:
     """Return the model's DOF, or combination, of each sensor at a node of the model.
 
@@ -192,9 +198,18 @@ def name_dofs(
         sets: Its data sets.
         sensors: Their labels in the file, ``"12:x"``, or ``"12"`` without a direction.
         nodes: The nodes of the model.
+        along: Which axes the values are along, one of ALONG; None if that is not known.
     """
     checks.mapping("nodes", nodes, "{node of the file: node of the model}")
-    axes, ends = read_axes(sets), {label: _split(label) for label in sensors}
+    axes = {} if along == "global" else read_axes(sets)
+    ends = {label: _split(label) for label in sensors}
+    turned = [label for label, (node, _) in ends.items() if {node} & {*axes} & {*nodes}]
+    if turned and along is None:
+        raise ValueError(
+            f"axes: the file defines axes of their own for the nodes of {_few(turned)} "
+            "(data sets 18 or 2420), and programs differ in whether they write values "
+            "along these; say axes='own', or axes='global'"
+        )
     there = [*dict.fromkeys(node for node, _ in ends.values())]
     if unknown := [node for node in nodes if node not in there]:
         raise ValueError(
@@ -226,17 +241,22 @@ def name_dofs(
 
 
 def warn_of_own_axes(
-    path: Path, sets: Iterable[DataSet], sensors: Iterable[str]
+    path: Path, sets: Iterable[DataSet], sensors: Iterable[str], along: str | None
 ) -> None:
-    """Warn about sensors along axes of their nodes that are not global ones."""
-    axes = read_axes(sets)
+    """Warn about sensors at nodes with own axes, unless they are along global ones."""
+    axes = {} if along == "global" else read_axes(sets)
     if turned := [label for label in sensors if _split(label)[0] in axes]:
         warnings.warn(
-            f"{path}: [{checks.listed(map(repr, turned))}] are along axes of their "
-            "nodes that are not the global ones (data sets 18 or 2420); give "
-            "nodes={node of the file: node of the model}, which turns them",
+            f"{path}: it defines axes of their own for the nodes of {_few(turned)} "
+            "(data sets 18 or 2420); if the values are along these, give axes='own' "
+            "and nodes={node of the file: node of the model}, else axes='global'",
             stacklevel=4,
         )
+
+
+def _few(labels: Iterable[str]) -> str:
+    """Return labels for a message."""
+    return f"[{checks.listed(map(repr, labels))}]"
 
 
 def _split(label: str) -> tuple[int, str]:

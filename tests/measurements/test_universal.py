@@ -79,11 +79,11 @@ def test_sensors_along_own_axes_measure_the_global_motion(kind, define, tmp_path
         nodes_of(kind, [5, 1, 6]),
         *modes_along(own),
     )
-    with pytest.warns(UserWarning, match=r"'4:x'.*'7:z'\] are along axes"):
+    with pytest.warns(UserWarning, match=r"own for the nodes of \['4:x'.*'7:z'\]"):
         plain = ef.Measurements.from_uff(path)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        test = ef.Measurements.from_uff(path, nodes=MODEL)
+        test = ef.Measurements.from_uff(path, nodes=MODEL, axes="own")
         dofs = test.dofs.tolist()
         assert ef.Measurements.from_uff(path, dofs=dofs).dofs.tolist() == dofs
     assert test.sensors == plain.sensors and dofs[3:6] == ["1:ux", "1:uy", "1:uz"]
@@ -99,7 +99,9 @@ def test_an_axis_that_is_turned_round_turns_the_sign(tmp_path):
     system = by_matrix(0, 0) | {"CS_matrices": [np.vstack([head, ORIGIN])] * 2}
     path = write(tmp_path / "a.uff", system, nodes_of(15, [5, 0, 0]), *modes_along(
         [head, np.eye(3), np.eye(3)]))  # fmt: skip
-    test = ef.Measurements.from_uff(path, nodes={4: 8}, sensors=["4:y", "4:x"])
+    test = ef.Measurements.from_uff(
+        path, nodes={4: 8}, axes="own", sensors=["4:y", "4:x"]
+    )
     assert test.dofs.tolist() == ["8:uy", "8:ux"]
     assert_allclose(test.shapes, GLOBAL[0, [1, 0]], atol=1e-5)
 
@@ -112,7 +114,7 @@ def test_places_in_cylindrical_coordinates(tmp_path):
     path = write(
         tmp_path / "a.uff", by_matrix(1, 0), places, *modes_along([turned] * 3)
     )
-    test = ef.Measurements.from_uff(path, nodes={4: 0}, sensors=["4:x"])
+    test = ef.Measurements.from_uff(path, nodes={4: 0}, axes="own", sensors=["4:x"])
     labels = [f"0:u{axis}" for axis in "xyz"]
     found, _ = ef.models.sensors.match_sensors(test.dofs.tolist(), labels)
     assert_allclose(found.of(GLOBAL[0]), test.shapes, atol=3e-5)
@@ -128,6 +130,8 @@ def test_places_in_cylindrical_coordinates(tmp_path):
         ({"kinds": (2, 0)}, {"nodes": MODEL}, "'4:x' .*system 5, which is spherical"),
         ({"systems": [9, 0, 0]}, {"nodes": MODEL}, "system 9, which .* not define"),
         ({"own": 9, "kinds": (1, 1)}, {"nodes": MODEL}, "system 9, which .* not def"),
+        ({}, {"nodes": MODEL, "axes": None}, r"axes: .*\['4:x'.*'own', or axes='glob"),
+        ({}, {"axes": "node"}, "axes: expected one of"),
         ({"bad": True}, {}, r"data set 1: the axes of coordinate system 5 are not"),
     ],
 )
@@ -138,7 +142,7 @@ def test_axes_that_are_not_known_are_refused(changes, options, message, tmp_path
     places = nodes_of(15, changes.get("systems", [5, 5, 5]), changes.get("own", 0))
     path = write(tmp_path / "a.uff", systems, places, *modes_along([AXES[0]] * 3))
     with pytest.raises((TypeError, ValueError), match=message):
-        ef.Measurements.from_uff(path, **options)
+        ef.Measurements.from_uff(path, **{"axes": "own"} | options)
 
 
 def test_lines_that_are_missing_are_refused_by_their_data_set(tmp_path):
@@ -152,7 +156,18 @@ def test_lines_that_are_missing_are_refused_by_their_data_set(tmp_path):
         end = lines.index("  2411" + 74 * " ") + 2 if cut < 0 else cut
         path.write_text("\n".join([*lines[:end], *lines[end + 1 :], ""]))
         with pytest.raises(ValueError, match=message):
-            ef.Measurements.from_uff(path, nodes=MODEL)
+            ef.Measurements.from_uff(path, nodes=MODEL, axes="own")
+
+
+def test_values_along_global_axes_are_left_as_they_are(tmp_path):
+    systems, places = by_matrix(0, 0), nodes_of(2411, [5, 6, 5])
+    path = write(tmp_path / "a.uff", systems, places, *modes_along([np.eye(3)] * 3))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        plain = ef.Measurements.from_uff(path, axes="global")
+    test = ef.Measurements.from_uff(path, nodes=MODEL, axes="global")
+    assert_allclose(test.shapes, plain.shapes)
+    assert test.dofs.tolist()[:3] == ["0:ux", "0:uy", "0:uz"]
 
 
 def test_a_file_without_own_axes_needs_no_turning(tmp_path):
@@ -193,15 +208,15 @@ def test_channels_of_frfs_along_own_axes(tmp_path):
         ))  # fmt: skip
     path = tmp_path / "frf.uff"
     pyuff.UFF(str(path)).write_sets(sets, "add")
-    with pytest.warns(UserWarning, match=r"\['4:x', '12:z', '4:y', '12:y'\] are al"):
+    with pytest.warns(UserWarning, match=r"\['4:x', '12:z', '4:y', '12:y'\]"):
         ef.frf.FRFMeasurements.from_uff(path)
-    test = ef.frf.FRFMeasurements.from_uff(path, nodes={4: 1, 12: 2})
+    test = ef.frf.FRFMeasurements.from_uff(path, nodes={4: 1, 12: 2}, axes="own")
     assert len(test.dofs) == 4
     assert_allclose(frf(test.channels, test.dofs), test.values, atol=1e-4)
     with pytest.raises(ValueError, match=r"no channel .* at \[4\]; it has 4:x/12:z"):
-        ef.frf.FRFMeasurements.from_uff(path, nodes={4: 1})
+        ef.frf.FRFMeasurements.from_uff(path, nodes={4: 1}, axes="own")
     scalar = sets[:2] + [sets[2] | {"rsp_dir": 0}]
     path.unlink()
     pyuff.UFF(str(path)).write_sets(scalar, "add")
     with pytest.raises(ValueError, match="'4' of .* does not state"):
-        ef.frf.FRFMeasurements.from_uff(path, nodes={4: 1, 12: 2})
+        ef.frf.FRFMeasurements.from_uff(path, nodes={4: 1, 12: 2}, axes="own")

@@ -187,11 +187,12 @@ class FRFMeasurements(Report):
         between: tuple[float, float] | None = None,
         kind: str | None = None,
         nodes: Nodes | None = None,
+        axes: str | None = None,
     ) -> Self:
         """Read FRFs and coherences from the data sets 58 of a universal file.
 
-        DOFs are labelled as in :meth:`Measurements.from_uff`, ``"12:z"`` along the axes
-        of node 12, or ``"12"`` if the file gives no direction. With ``nodes`` they are
+        DOFs are labelled as in :meth:`Measurements.from_uff`, ``"12:z"``, or ``"12"``
+        if the file gives no direction. With ``nodes`` they are
         DOFs of the model, ``"3:uz"``, or combinations of them, ``"0.8*3:ux +
         0.6*3:uz"``: give the model ``shapes=measured.dofs``. A direction against the
         axis reverses the sign. The kind follows from the ordinate: displacement,
@@ -209,6 +210,7 @@ class FRFMeasurements(Report):
                 it: some analysers write the type of the ordinate as unknown.
             nodes: ``{node of the file: node of the model}``, as in
                 :meth:`Measurements.from_uff`; channels at other nodes are left out.
+            axes: "own" or "global", where nodes have axes of their own, as there.
 
         Returns:
             The FRFs of all channels, with their coherences.
@@ -216,11 +218,12 @@ class FRFMeasurements(Report):
         Raises:
             ImportError: If pyuff is not installed.
             ValueError: If there are no FRFs, or they differ in lines or kind; or nodes
-                are given where a channel has no direction, or its axes are not known.
+                are given where a channel has no direction, or its axes are not known,
+                or may be those of its node or global ones.
 
         Warns:
             UserWarning: If a line at 0 Hz is left out, values are converted to SI, or,
-                without nodes, channels are not along global axes.
+                without nodes and axes, nodes have axes of their own.
 
         Examples:
             >>> from emcee_femu.extensions.frf import FRFMeasurements
@@ -232,7 +235,7 @@ class FRFMeasurements(Report):
         """
         checks.one_of("kind", kind, [None, *FRF_KINDS])
         fields = read_uff58(path, averages, kind)
-        place_channels(path, fields, nodes)
+        place_channels(path, fields, nodes, axes)
         if between is not None:
             low, high = checks.group("between", between, "(low, high) in Hz", 2)
             kept = _find_lines(fields["lines"], low, high)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ... import checks
 from ...measurements.universal import (
+    ALONG,
     UFF_AXES,
     Nodes,
     Path,
@@ -18,7 +19,7 @@ from ...measurements.universal import (
 )
 
 # Of data sets 58 of universal files.
-FRF, COHERENCE = 4, 6  # types of functions
+TIME_HISTORY, FRF, COHERENCE = 1, 4, 6  # types of functions
 UNKNOWN_ORDINATES = (0, 1)  # types of ordinates: unknown and general
 ORDINATES = {8: "receptance", 11: "mobility", 12: "accelerance"}
 FORCE, FREQUENCY, IEEE = 13, 18, 2
@@ -65,6 +66,8 @@ def read_uff58(path: Path, averages: int | None, kind: str | None) -> dict[str, 
             read[COHERENCE][channel] = np.asarray(data["data"]).real
     if not kinds:
         got = f"{types.count(58)} data sets 58, of types {sorted(others)}"
+        if TIME_HISTORY in others:
+            got += "; time histories (type 1) are for identification, as by pyOMA2"
         raise ValueError(f"{path}: expected data sets 58 of type 4 (FRF), got {got}")
     if len({*kinds.values()}) > 1:
         raise ValueError(f"{path}: expected FRFs of one kind, got {kinds} by data set")
@@ -90,14 +93,18 @@ def read_uff58(path: Path, averages: int | None, kind: str | None) -> dict[str, 
     return {**fields, "coherence": coherence, "averages": averages}
 
 
-def place_channels(path: Path, fields: dict[str, Any], nodes: Nodes | None) -> None:
+def place_channels(
+    path: Path, fields: dict[str, Any], nodes: Nodes | None, axes: str | None
+) -> None:
     """Name channels by the model's DOFs, or warn where axes are not the global ones."""
+    checks.one_of("axes", axes, [None, *ALONG])
     sets, channels = read_sets(path), fields["channels"]
     labels = dict.fromkeys(label for channel in channels for label in channel)
     if nodes is None:
-        warn_of_own_axes(path, sets, [label for label in labels if ":" in label])
+        stated = [label for label in labels if ":" in label]
+        warn_of_own_axes(path, sets, stated, axes)
         return
-    dofs = name_dofs(path, sets, labels, nodes)
+    dofs = name_dofs(path, sets, labels, nodes, axes)
     kept = [i for i, pair in enumerate(channels) if {*pair} <= {*dofs}]
     if not kept:
         raise ValueError(
