@@ -31,8 +31,7 @@ HEADINGS = {BY_POINTS: 1, BY_MATRIX: 3}  # lines before the first system
 CARTESIAN, CYLINDRICAL = 0, 1  # types of systems
 GLOBAL_SYSTEMS = (0, 1)  # what these numbers mean unless the file defines them
 COSINE_DIGITS = 5  # data sets 18 have six digits
-SMALLEST = 5e-6  # cosine that is not zero by these digits
-ORTHOGONAL = 1e-3  # how far axes may be from orthogonal ones of length one
+SKEW_AXES = 1e-3  # how far axes may be from orthogonal ones of length one
 
 ALONG = ("own", "global")  # whose axes values are along
 
@@ -130,7 +129,8 @@ def read_axes(sets: Iterable[DataSet]) -> dict[int, Floats | str]:
         for node, own, moved, _, *point in numbers.reshape(-1, NODE_NUMBERS).tolist():
             its = 0 if data.kind == IN_GLOBAL_COORDINATES else int(own)
             found = _axes_of(int(moved), its, np.array(point), systems)
-            if isinstance(found, str) or np.abs(found - np.eye(3)).max() > SMALLEST:
+            digits = found if isinstance(found, str) else found.round(COSINE_DIGITS)
+            if not np.array_equal(digits, np.eye(3)):
                 axes[int(node)] = found
     return axes
 
@@ -175,7 +175,7 @@ def _read_systems(data: DataSet, known: Mapping[int, System]) -> dict[int, Syste
             y = np.cross(upward, x)
             rows = [x, y, np.cross(x, y)]
             matrix = np.array([row / np.linalg.norm(row) for row in rows])
-        if not np.abs(matrix @ matrix.T - np.eye(3)).max() < ORTHOGONAL:
+        if not np.abs(matrix @ matrix.T - np.eye(3)).max() < SKEW_AXES:
             raise ValueError(
                 f"{data.place}: the axes of coordinate system {label} are not "
                 f"orthogonal, or not of length one: {matrix.tolist()}"
