@@ -80,7 +80,7 @@ for day, shift in {"May": 0.99, "June": 1.0, "July": 1.01}.items():
     of_day = ef.LogPosterior(model, term, prior)
     tests[day] = ef.to_inference_data(ef.run(of_day, steps=60, ensembles=2, seed=1))
 population = ef.population.NormalPopulation(["k1", "k3"])
-pooled = ef.pool_tests(tests, population, seed=1, steps=60, ensembles=1)
+pooled = ef.pool_tests(tests, population, seed=1, steps=40, ensembles=1, draws=200)
 
 # %% mystnb={"image": {"alt": "Two stiffnesses of three tests, each alone and given all, their mean and the next test"}}
 ef.figures.plot_population(pooled)
@@ -90,7 +90,7 @@ ef.figures.plot_population(pooled)
 
 # %%
 moves = {"DE-MC": ef.DEMCMove(), "auto": "auto"}
-compared = ef.compare_moves(posterior, moves, 20, steps=100, seed=2)
+compared = ef.compare_moves(posterior, moves, 12, steps=100, ensembles=2, seed=2)
 
 # %% mystnb={"image": {"alt": "Effective samples per evaluation of two moves, and the error of each running mean"}}
 ef.figures.plot_comparison(compared)
@@ -98,7 +98,7 @@ ef.figures.plot_comparison(compared)
 # %%
 narrow = ef.GaussianPrior([*truth], [20e3] * 3, 1e3, bounds)
 sure = ef.LogPosterior(paired, terms, narrow)
-other = ef.run(sure, steps=150, ensembles=2, seed=1)
+other = ef.run(sure, steps=60, ensembles=2, seed=1)
 classes = ef.compare_models({"prior 15 %": run, "prior 5 %": other})
 
 # %% mystnb={"image": {"alt": "Log evidence of two models with error bars, and their probabilities"}}

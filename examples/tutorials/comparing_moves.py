@@ -58,7 +58,7 @@ moves = {
     "DE-MC": ef.DEMCMove(),
     "auto": "auto",
 }
-compared = ef.compare_moves(posterior, moves, 20, steps=400, seed=2)
+compared = ef.compare_moves(posterior, moves, 20, steps=250, seed=2)
 compared
 
 # %% [markdown]

@@ -55,7 +55,7 @@ posteriors, tests, soil_sd = {}, {}, {}
 for i, day in enumerate(days):
     term = ef.FrequencyTerm(measured[i], relative_sd=ERROR)
     posteriors[day] = ef.LogPosterior(model, term, prior)
-    run = ef.run(posteriors[day], steps=100, ensembles=2, seed=i)
+    run = ef.run(posteriors[day], steps=60, ensembles=2, seed=i)
     assert ef.diagnose(run).converged, day
     tests[day] = ef.to_inference_data(run)
     soil_sd[day] = run[0].get_chain(flat=True)[:, 1].std()
@@ -75,7 +75,8 @@ ef.parameter_table(tests["day1"])
 # %%
 covariates = {"temperature": dict(zip(days, degrees, strict=True))}
 population = ef.population.NormalPopulation(names, covariates=covariates)
-pooled = ef.pool_tests(tests, population, seed=1, posteriors=posteriors)
+options = {"draws": 300, "posteriors": posteriors}
+pooled = ef.pool_tests(tests, population, seed=1, **options)
 pooled
 
 # %% [markdown]
