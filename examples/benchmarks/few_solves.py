@@ -13,6 +13,7 @@ With ``--workers 16`` a round has 16 points: a third more solves, in at most six
 """
 
 import functools
+import sys
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -262,7 +263,7 @@ def main(
         results.setdefault((name, kind), []).append(one)
         shown = (f"{v:.3g}" if isinstance(v, float) else v for v in one)
         mark = "met" if one.good(name) else "MISSED"
-        print(name, kind, seed, mark, *shown, sep="  ", flush=True)
+        print(name, kind, seed, mark, *shown, sep="  ", file=sys.stderr, flush=True)
     title = "Posteriors in few solves; medians of the seeds, and the worst of them"
     tabulate(title, COLUMNS, (summarize(*key, found) for key, found in results.items()))
     return results

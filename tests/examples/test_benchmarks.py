@@ -97,7 +97,7 @@ def test_constants(monkeypatch, capsys):
     table = constants.main(1, ("searched_share",))
     today, row = table.rows
     assert today[2:] == (1.0, 1, 0, 0) * 2 and row[0] in capsys.readouterr().out
-    assert table.column("half")[1] < 1 < table.column("double")[1]
+    assert table.column("half")[1] < 1 < table.column("twice")[1]
     assert row[5] == row[9] == 1  # run that differs
     assert constants.MODULES["auto"].SETTINGS is before  # as it was
 
