@@ -1,6 +1,7 @@
 """Judge a run: autocorrelation time, ESS, R-hat, acceptance, and three statements."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -25,6 +26,9 @@ from .fit import read_records
 from .fit_statement import judge_fit
 from .to_arviz import FIT, to_inference_data
 
+# Further statements by title, of functions of samples with their response: see
+# CONTRIBUTING.md.
+FURTHER: dict[str, Callable[[InferenceData], Statement]] = {}
 HITS = 3  # expected, of which none comes once in twenty times
 # Weights are equal within two standard errors, if these are so small.
 EQUAL_WITHIN, ERROR_OF_EQUAL = 2.0, 0.02
@@ -99,7 +103,10 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
     idata, records = _read(source, chains)
     fit = judge_fit(idata, records, chains)
     data = records or ()
-    return replace(diagnosis, chains=about, search=search, fit=fit, data=data)
+    judges = FURTHER if idata is not None else {}
+    further = {title: judge(idata) for title, judge in judges.items()}
+    diagnosis = replace(diagnosis, data=data, further=further)
+    return replace(diagnosis, chains=about, search=search, fit=fit)
 
 
 def judge_search(maxima: MaximaWeights | None, cures: Cures) -> Statement:

@@ -104,7 +104,7 @@ def judge_data(
         found += find_suspects(posterior, theta[rows[:, 0].argmax()], found)
     whole = posterior.unfold(rows[order])
     for experiment in posterior.experiments:
-        stored, before = (_own(experiment, all_of) for all_of in (whole, start[1]))
+        stored, before = (experiment.stored(all_of) for all_of in (whole, start[1]))
         found = judge_modes(experiment, stored, before, found)
         found += find_skipped(experiment, stored, before, found)
     return tuple(found)
@@ -123,11 +123,6 @@ def _is_stored(experiment: Experiment, term: Term) -> bool:
     return term.reads is not None and {*term.reads} <= {*experiment.variables}
 
 
-def _own(experiment: Experiment, values: Batch) -> Batch:
-    """Return the stored variables of an experiment by their own names."""
-    return {name: values[experiment.full_name(name)] for name in experiment.variables}
-
-
 def _judge_experiment(
     posterior: LogPosterior,
     experiment: Experiment,
@@ -144,7 +139,7 @@ def _judge_experiment(
         few: The samples that may be solved.
         start: The prior mean ``(1, d)``, and all stored variables there.
     """
-    stored, initial = ((at, _own(experiment, held)) for at, held in (some, start))
+    stored, initial = ((at, experiment.stored(held)) for at, held in (some, start))
     sums = list[_Sum]()
     for term, name in zip(experiment.terms, experiment.term_names, strict=True):
         record = FitRecord(

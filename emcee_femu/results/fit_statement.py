@@ -84,14 +84,14 @@ def judge_fit(
     """
     parts = [] if idata is None else read_measured(idata)
     drawn = [part for part in parts if part.replicated is not None]
-    unknown = [OLD] if records is None else []
+    known = idata is not None and "constant_data" in idata
+    unknown = [OLD] if known and records is None else []
     records = records or ()
     not_judged = _name_silent(records)
     silent = [*unknown, *(f"Not judged: {names}." for names in not_judged)]
     judged = [record for record in records if record.status != NOT_JUDGED]
     recalled = [f"Before the run: {text.rstrip('.?')}?" for text in chains.doubts]
     if not drawn and not judged:
-        known = idata is not None and "constant_data" in idata
         reason = (NOT_DRAWN if parts else NO_DATA) if known else NOT_KNOWN
         because = f"{NOT_CHECKED}: {''.join(not_judged) or reason}."
         sentence = " ".join([because, *unknown, *recalled])

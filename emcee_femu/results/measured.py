@@ -222,7 +222,7 @@ def gather_by_terms(
         label = experiment.full_name(name)
         if only not in (None, label):
             continue
-        stored = {v: response[experiment.full_name(v)] for v in experiment.variables}
+        stored = experiment.stored(response)
         likelihood[label] = Labelled(rows[..., column], ONE_NUMBER)
         for variable, values in term.pointwise(parameters, stored).items():
             likelihood[label] = _label(experiment, term, variable, values, *lead)

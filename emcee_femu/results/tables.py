@@ -1,7 +1,6 @@
 """Tables of parameters, frequencies, other predictions and paired modes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -44,7 +43,6 @@ def parameter_table(
     var_names: Sequence[str] | None = None,
     *,
     before: Mapping[str, float] | None = None,
-    nominal: None = None,
 ) -> Table:
     """Tabulate the updated parameters, as in Tables 4.1 and 5.1 of the paper.
 
@@ -65,14 +63,13 @@ def parameter_table(
             None for the sampled parameters.
         before: Parameters of the model before updating, by name, in place of the prior
             mean: an engineer's nominal values.
-        nominal: Refused: it meant the true values up to version 0.4.
 
     Returns:
         The table, one row per parameter.
 
     Raises:
-        TypeError: If idata holds no samples, true, before or published is not such a
-            mapping, or nominal is given.
+        TypeError: If idata holds no samples, or true, before or published is not such a
+            mapping.
         ValueError: If true, before, a published column or var_names names an unknown
             parameter.
 
@@ -85,11 +82,6 @@ def parameter_table(
         >>> [round(mean / 1e3) for mean in table.column("mean")[:3]]  # N/mm
         [4, 2, 2]
     """
-    if nominal is not None:
-        raise TypeError(
-            "nominal: no longer an argument; give true= for known true values, before= "
-            "for the model before updating"
-        )
     idata, _ = read_samples(idata)
     names, chains = samples(idata, var_names)
     draws = chains.reshape(-1, len(names))
@@ -259,10 +251,11 @@ def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Ta
     :class:`FrequencyTerm`. At least 95 % of the measured values should lie inside,
     because the posterior was fitted to them. Where a term draws no new measurements,
     the interval is that of the model alone: it shows only the uncertainty of the
-    parameters, and the measured value need not lie inside. The column is then named "in
-    the model's interval". With a posterior, which a run knows, the column ``sd`` holds
-    :math:`f_i^m R_{ii}^{1/2}`. If modes were paired, mean and 5 % quantile of the MAC
-    are added. It takes no solves.
+    parameters, and the measured value need not lie inside, so the table has "-" there.
+    If no term draws any, the column is named "in the model's interval". With a
+    posterior, which a run knows, the column ``sd`` holds :math:`f_i^m R_{ii}^{1/2}`.
+    If modes were paired, mean and 5 % quantile of the MAC are added. It takes no
+    solves.
 
     Args:
         idata: The result of :func:`run` or :func:`to_inference_data`.
@@ -274,8 +267,8 @@ def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Ta
 
     Raises:
         TypeError: If posterior is not a LogPosterior.
-        ValueError: If no variable of the response was measured, posterior has other
-            parameters, or none of its terms can draw new measurements.
+        ValueError: If no variable of the response was measured, or posterior has other
+            parameters.
 
     Examples:
         >>> import emcee_femu as ef
@@ -285,26 +278,24 @@ def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Ta
         >>> ef.predictive_table(idata, posterior).column("inside")
         ['yes', 'yes', 'yes', 'yes', 'yes']
     """
-    asked = posterior is not None
     idata, posterior = read_samples(idata, posterior)
     parts = measured_variables(idata)
     missing = [part.name for part in parts if part.replicated is None]
-    if asked and missing:
-        raise ValueError(
-            f"posterior: no term draws new measurements of {missing}, so that their "
-            "error is not known; leave posterior out"
-        )
-    what, title_of_inside = (
-        "a new measurement, with its error and discrepancy",
-        "inside",
-    )
-    if missing:
-        parts = [replace(part, replicated=None) for part in parts]
-        what, title_of_inside = "the model alone", "in the model's interval"
+    none_drawn = len(missing) == len(parts)
+    title_of_inside = "in the model's interval" if none_drawn else "inside"
+    what = "the model alone"
+    if not none_drawn:
+        what = "a new measurement, with its error and discrepancy"
+        what += f"; of {', '.join(missing)} the model alone" * bool(missing)
     new = [p.predicted if p.replicated is None else p.replicated for p in parts]
     low, high = summarize(np.concatenate(new, axis=1))[1:]
     updated = np.concatenate([part.updated for part in parts])
+    # The model's own interval need not hold what was measured.
+    judged = [np.full(len(p.values), p.name not in missing) for p in parts]
     inside = np.concatenate([part.inside for part in parts])
+    said = np.where(inside, "yes", "no")
+    if not none_drawn:
+        said = np.where(np.concatenate(judged), said, "-")
     measured = np.concatenate([part.values for part in parts])
     title, labels, unit = _name_rows(parts)
     sd = np.concatenate([part.sd(posterior) for part in parts])
@@ -317,9 +308,9 @@ def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Ta
         (f"updated{unit}", show(updated, about), updated),
         ("2.5 %", show(low, about), low),
         ("97.5 %", show(high, about), high),
-        (title_of_inside, "", np.where(inside, "yes", "no")),
+        (title_of_inside, "", said),
     ]
-    if posterior is not None and not missing:
+    if np.isfinite(sd).any() and not none_drawn:
         columns.insert(2, (f"sd{unit}", show(sd, sd), sd))
     mac = np.concatenate([_summarize_mac(part) for part in parts], axis=1)
     if np.isfinite(mac).any():

@@ -300,12 +300,12 @@ class SearchRecord(Report):
         count = len(self.weights)
         parts = [f"{100 * s:.0f} % {type(m).__name__}" for m, s in self.moves(None)]
         return (
-            f"a search by {self.points} points and {self.climbs} climbs found "
+            f"a search by {self.points:,} points and {self.climbs:,} climbs found "
             f"{'one maximum' if count == 1 else f'{count} separated maxima'}; "
             f"{'an annealed population, ' if self.annealed else ''}"
             f"{len(self.mixture.weights)} Student-t components refined by importance "
             f"weights, {100 * self.efficiency:.0f} % efficient (Pareto k "
-            f"{self.pareto_k:.2f}); {self.solves} evaluations in all; then "
+            f"{self.pareto_k:.2f}); {self.solves:,} evaluations in all; then "
             f"{', '.join(parts)}"
         )
 

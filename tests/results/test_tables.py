@@ -87,8 +87,6 @@ def test_parameter_table_equals_numbers_by_hand(idata):
     assert_allclose(engineer.column("before"), [np.nan, 1.5])
     assert_allclose(engineer.column("error %"), [np.nan, 20.0])
     assert "prior mean" not in engineer.columns
-    with pytest.raises(TypeError, match="nominal: .*true=.*before="):
-        ef.parameter_table(idata, nominal=true)
 
 
 FREQUENCY_SD = np.sqrt([(2.25 + 0.25 + 0.25 + 1 + 0 + 6.25) / 5, 2.5 / 5])
