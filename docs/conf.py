@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import nbformat
+from docutils import nodes
 from jupyter_cache import get_cache
 from jupyter_cache.executors import utils as executors
 from jupyter_client import KernelManager
@@ -44,9 +45,10 @@ HERE = Path(__file__).parent
 ROOT = HERE.parent
 SECTIONS = ["start", "tutorials", "how_to", "explanation"]
 FIGURES = "how_to/gallery"  # the page that draws every figure of the package
-# A cell with a picture: its alternative text, and its code.
+# A cell with a picture: whether it is the page's result, its text, and its code.
 PICTURE = re.compile(
-    r'^# %%.* mystnb={"image": {"alt": "(.*?)"}}\n((?:(?!# %%).*\n)+)', re.M
+    r'^# %%(.*"result".*)? mystnb={"image": {"alt": "(.*?)"}}\n((?:(?!# %%).*\n)+)',
+    re.M,
 )
 
 project = "emcee_femu"
@@ -169,7 +171,8 @@ def find_pictures() -> list[tuple[str, str, str]]:
     """Return page, name and alternative text of each picture that pages draw.
 
     A cell has the text of its picture; it is named by its function in the page of all
-    figures, and by its page elsewhere, of which the first picture is taken.
+    figures, and by its page elsewhere, of which its result or the first picture is
+    taken.
     """
     found = []
     for section in SECTIONS:
@@ -177,7 +180,8 @@ def find_pictures() -> list[tuple[str, str, str]]:
             page, text = f"{section}/{source.stem}", source.read_text("utf-8")
             title = text.partition("# # ")[2].partition("\n")[0]
             cells = PICTURE.findall(text)
-            for alt, code in cells if page == FIGURES else cells[:1]:
+            telling = [cell for cell in cells if cell[0]] or cells
+            for _, alt, code in cells if page == FIGURES else telling[:1]:
                 drawn = re.findall(r"plot_\w+", code)
                 found.append((page, drawn[0] if page == FIGURES else title, alt))
     return found
@@ -280,6 +284,16 @@ def offer_notebook(app: Any, page: str, _: str, context: Any, doctree: Any) -> N
     context["ipynb_source"] = name
 
 
+def begin_with_result(_: Any, doctree: nodes.document) -> None:
+    """Show what the cell tagged "result" gives below its page's first paragraph."""
+    for cell in [*doctree.findall(nodes.container)]:
+        if "tag_result" in cell["classes"]:
+            begin = doctree.next_node(nodes.section).next_node(nodes.paragraph)
+            output = cell[-1].deepcopy()
+            result = nodes.container("", output, classes=["cell", "result"])
+            begin.parent.insert(begin.parent.index(begin) + 1, result)
+
+
 def find_anywhere(app: Any, env: Any, node: Any, text: Any) -> Any:
     """Resolve a bare name, such as ``run``, from a page of a module that has it not."""
     if node.get("refdomain") != "py":
@@ -297,6 +311,7 @@ def mix(app: Any, env: Any, names: list[str]) -> None:
 def setup(app: Any) -> None:
     """Ask for names once more before a missing one is reported; offer notebooks."""
     app.connect("env-before-read-docs", mix)
+    app.connect("doctree-read", begin_with_result)
     app.connect("missing-reference", find_anywhere)
     app.connect("build-finished", draw_thumbnails)
     app.connect("html-page-context", offer_notebook, priority=400)  # before the theme

@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Update from frequency response functions
 #
-# Compare measured frequency response functions (FRFs) with a model's line by line,
-# without identifying modes first, and infer the damping too.
-# `python examples/how_to/frf.py` runs this page (4 s).
+# For those who have frequency response functions (FRFs) and want to compare them with
+# a model line by line, without identifying modes first, with the damping inferred.
+# `python examples/how_to/frf.py` runs the page (4 s).
 #
 # A hammer or shaker test gives FRFs: response over force. Here a simulated three-storey
 # frame is excited at the roof and measured at the roof and the first floor.
@@ -76,7 +76,7 @@ run = ef.run(posterior, seed=1)
 idata = ef.to_inference_data(run)
 ef.parameter_table(idata, true=truth)
 
-# %% mystnb={"image": {"alt": "Amplitudes of two measured FRFs with the band that the model predicts"}}
+# %% tags=["result"] mystnb={"image": {"alt": "Amplitudes of two measured FRFs with the band that the model predicts"}}
 ef.frf.plot_frf(idata, posterior)
 
 # %% [markdown]

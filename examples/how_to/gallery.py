@@ -1,9 +1,10 @@
 # %% [markdown]
 # # A gallery of figures
 #
-# Every figure of the package, with the line that draws it. `python
-# examples/how_to/gallery.py` runs this page (10 s). Each function returns a matplotlib
-# figure: save it with `figure.savefig("name.pdf")`. {doc}`report` explains more.
+# For those who look for a figure: every figure of the package, with the line that
+# draws it. `python examples/how_to/gallery.py` runs the page (10 s). Each function
+# returns a matplotlib figure: save it with `figure.savefig("name.pdf")`.
+# {doc}`report` explains more.
 #
 # The structure is a simulated shear building of three storeys with two measured modes.
 
@@ -45,7 +46,7 @@ ef.figures.plot_correlation(run)
 # %% mystnb={"image": {"alt": "Deviations of two frequencies before and after updating, and their MAC"}}
 ef.figures.plot_predictive(run)
 
-# %% mystnb={"image": {"alt": "Two measured mode shapes on the building and those of the updated model"}}
+# %% tags=["result"] mystnb={"image": {"alt": "Two measured mode shapes on the building and those of the updated model"}}
 ef.figures.plot_shapes(run)
 
 # %% mystnb={"image": {"alt": "MAC of two measured and three model modes, before and after updating"}}

@@ -1,11 +1,10 @@
 # %% [markdown]
 # # Large models
 #
-# A mesh of a hundred thousand degrees of freedom cannot be solved fifty thousand times.
-# It need not be. Some fifty full solves make a small model that replaces it, with a
-# certificate of its error; a solve of the small model takes well under a millisecond.
-# `python examples/tutorials/large_models.py` runs this page (10 s of processor time).
-# Structure and data are simulated.
+# For those whose mesh has too many degrees of freedom to be solved thousands of
+# times. It need not be: some fifty full solves make a small model that replaces it,
+# with a certificate of its error. `python examples/tutorials/large_models.py` runs
+# the page (10 s). Structure and data are simulated.
 #
 # ## The matrices
 #
@@ -70,7 +69,7 @@ print("frequencies in Hz:", full(ones).frequencies[0].round(2))
 # relative frequency error that you accept. A tenth of the measurement error is small
 # enough; here it is a fiftieth.
 
-# %%
+# %% tags=["result"]
 bounds = dict.fromkeys(K, (0.6, 1.4))
 small = ef.reduce_model(full, bounds, tolerance=1e-4)
 print(f"{small.full_size} DOFs reduced to {small.size} basis vectors")

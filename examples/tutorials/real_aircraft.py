@@ -1,12 +1,12 @@
 # %% [markdown]
 # # A real aircraft
 #
-# The GARTEUR aircraft, SM-AG19, is the structure on which methods of model updating have
-# been compared since 1995. This page rebuilds it from public drawings and updates it with
-# its **measured** frequencies. It shows what goes wrong if modes are compared by number,
-# how modes are followed without measured shapes, and how a bad fit leads to what the
-# model lacks. `python examples/tutorials/real_aircraft.py` runs this page (half a
-# minute).
+# For those who want to see a real structure with **measured** frequencies and a model
+# that does not fit at first. The GARTEUR aircraft, SM-AG19, has been the structure on
+# which methods of model updating are compared since 1995. This page shows what goes
+# wrong if modes are compared by number, how modes are followed without measured
+# shapes, and how a bad fit leads to what the model lacks. `python
+# examples/tutorials/real_aircraft.py` runs the page (half a minute).
 
 # %% tags=["remove-cell"]
 import sys

@@ -1,10 +1,10 @@
 # %% [markdown]
 # # Two states of one structure: damage
 #
-# How much stiffness was lost between two tests, and how sure is that? One posterior has
-# both states, and the fall is computed from its samples, with an interval and a
-# probability. **All data of this page are simulated**, so that the truth is known.
-# `python examples/tutorials/two_states.py` runs this page (13 s of processor time).
+# For those who must say how much stiffness was lost between two tests, and how sure
+# that is. One posterior has both states, and the fall is computed from its samples,
+# with an interval and a probability. **All data of this page are simulated**, so that
+# the truth is known. `python examples/tutorials/two_states.py` runs the page (13 s).
 #
 # A steel mast of 12 m has three parts. Five frequencies were measured when it was new,
 # and again after a storm, each to 0.2 %. In truth the lower part has lost 6 % of its
@@ -101,7 +101,7 @@ for name in falls:
     print(f"{name} > 0 with a probability of {(drawn > 0).mean():.3f},", end=" ")
     print(f"> 3 % with {(drawn > 3).mean():.3f}")
 
-# %% mystnb={"image": {"alt": "Samples of the falls of three parts: that of the lower part lies around 5 %, the others around 0"}}
+# %% tags=["result"] mystnb={"image": {"alt": "Samples of the falls of three parts: that of the lower part lies around 5 %, the others around 0"}}
 truths = dict(zip(falls, [6.0, 0.0, 0.0], strict=True))
 ef.figures.plot_scatter(idata, var_names=falls, truths=truths)
 
