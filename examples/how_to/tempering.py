@@ -110,7 +110,7 @@ ef.parameter_table(ef.to_inference_data(population, posterior))
 # A population is not a chain: there is no R-hat. Compare runs of several seeds instead.
 # **A region that no early member came near is not found**, and the standard error does
 # not include it: a narrow mode in a wide prior needs a search, `find_map` or `"auto"`.
-# [Moves measured](../explanation/moves_measured.md#tmcmc-how-many-members) has figures.
+# [Moves measured](../explanation/moves_measured.md#annealed-populations) has figures.
 
 # %% tags=["remove-cell"]
 cold = idata.posterior["ground"].values
