@@ -209,6 +209,16 @@ def name_thumbnail(page: str, name: str) -> str:
     return f"{name if page == FIGURES else page.replace('/', '-')}.png"
 
 
+def read_executed(page: str) -> nbformat.NotebookNode:
+    """Return the notebook of a page with its outputs, also those of an earlier build."""
+    file = HERE / "_build" / "jupyter_execute" / f"{page}.ipynb"
+    notebook = nbformat.read(file, as_version=4)
+    try:
+        return get_cache(nb_execution_cache_path).merge_match_into_notebook(notebook)[1]
+    except KeyError:  # a page that was not executed
+        return notebook
+
+
 def draw_thumbnails(app: Any, error: Exception | None) -> None:
     """Make the gallery's thumbnails of the pictures in executed pages."""
     if error or app.builder.name != "html":
@@ -216,11 +226,9 @@ def draw_thumbnails(app: Any, error: Exception | None) -> None:
     place = Path(app.outdir) / "_static" / "thumbnails"
     place.mkdir(parents=True, exist_ok=True)
     for page, name, alt in find_pictures():
-        file = HERE / "_build" / "jupyter_execute" / f"{page}.ipynb"
-        cells = nbformat.read(file, as_version=4).cells
         data = next(
             output.data["image/png"]
-            for cell in cells
+            for cell in read_executed(page).cells
             if alt in str(cell.metadata)
             for output in cell.get("outputs", [])
             if "image/png" in output.get("data", {})
@@ -276,7 +284,7 @@ def offer_notebook(app: Any, page: str, _: str, context: Any, doctree: Any) -> N
     if doctree is None or not (HERE / f"{page}.py").exists():
         return
     out, name = Path(app.outdir), f"{page}.ipynb"
-    notebook = nbformat.read(out.parent / "jupyter_execute" / name, as_version=4)
+    notebook = read_executed(page)
     if "remove-cell" in notebook.cells[-1].metadata.get("tags", []):
         del notebook.cells[-1]
     (out / "_sources" / name).parent.mkdir(parents=True, exist_ok=True)

@@ -78,7 +78,7 @@ ef.frf.plot_frf(frf_run)
 tests = {}
 for day, shift in {"May": 0.99, "June": 1.0, "July": 1.01}.items():
     term = ef.FrequencyTerm(shift * test.frequencies, relative_sd=0.01)
-    of_day = ef.LogPosterior(model, term, prior)
+    of_day = ef.LogPosterior(model, term, prior, dict.fromkeys(truth, "kN/m"))
     tests[day] = ef.to_inference_data(ef.run(of_day, steps=60, ensembles=2, seed=1))
 population = ef.population.NormalPopulation(["k1", "k3"])
 pooled = ef.pool_tests(tests, population, seed=1, steps=40, ensembles=1, draws=200)
