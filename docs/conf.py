@@ -210,7 +210,7 @@ def name_thumbnail(page: str, name: str) -> str:
 
 
 def read_executed(page: str) -> nbformat.NotebookNode:
-    """Return the notebook of a page with its outputs, also those of an earlier build."""
+    """Return the notebook of a page with its outputs, of this build or an earlier."""
     file = HERE / "_build" / "jupyter_execute" / f"{page}.ipynb"
     notebook = nbformat.read(file, as_version=4)
     try:

@@ -2,9 +2,8 @@
 # # What the verdict means
 #
 # For those who must decide whether to trust a result: what the three statements of
-# `diagnose(run)`, on chains, search and fit, are based on, what to do about a
-# complaint, and what no diagnosis can see. Chains of a wrong model converge too, so
-# look at all three. `python examples/explanation/verdict.py` runs the page (10 s).
+# `diagnose(run)` are based on, what to do about a complaint, and what no diagnosis can
+# see. Chains of a wrong model converge too, so look at all three. `python examples/explanation/verdict.py` runs the page (10 s).
 #
 # The example is a simulated two-storey frame: with a soft lower or a soft upper storey
 # it has the same two frequencies (Beck and Au 2002).
@@ -29,7 +28,7 @@ good = ef.diagnose(run)
 good
 
 # %% [markdown]
-# ## Chains
+# ## Convergence of chains
 #
 # The first check that fails withholds "converged". `diagnosis.chains.short` is its
 # name; `diagnosis.chains.sentence` has the number, its limit, and what to do, such as
@@ -48,10 +47,12 @@ good
 # | proposal too narrow | walkers wait where the proposal hardly goes | more steps |
 # | one ensemble, starts given | nothing could have been seen: the status is "well mixed" | `ensembles=4`, starts from the prior |
 #
-# Runs by moves other than "auto" start from the prior and find their own burn-in
-# (`run.burn_in`), which tables and figures leave out, too.
+# ## Burn-in
 #
-# ## Why four ensembles
+# Runs by moves other than "auto" start from the prior and find their burn-in
+# (`run.burn_in`); tables and figures leave it out.
+#
+# ## R-hat
 #
 # R-hat (Vehtari et al. 2021) is 1 if chains agree. *Independent* chains from
 # *over-dispersed* starts that do have probably forgotten their starts. The walkers of

@@ -12,8 +12,12 @@
 #
 # {py:class}`~emcee_femu.frf.FRFModel` superposes the modes of any model that returns
 # mass-normalised shapes: `MatrixModel(..., shapes=True)`, its reduction, a
-# {py:class}`~emcee_femu.FrameModel`. Damping is a ratio, or the name of a parameter, or one
-# of these per mode, or `{"mass": "a", "stiffness": "b"}` for proportional damping.
+# {py:class}`~emcee_femu.FrameModel`.
+#
+# ## Damping
+#
+# It is a ratio, or the name of a parameter, or one of these per mode, or
+# `{"mass": "a", "stiffness": "b"}` for proportional damping.
 
 # %%
 import numpy as np

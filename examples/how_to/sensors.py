@@ -51,6 +51,8 @@ print(paired({"stiffness": np.array([1.0])}).mac.round(3))
 # measurements then have `dofs=["across"]`. `points` of a
 # {py:class}`~emcee_femu.StaticModel` take the same.
 #
+# ## Strains
+#
 # **A strain is not a displacement.** A MAC over both would depend on the unit of length.
 # Strains and rotations are therefore left out of the MAC beside translations, and a
 # {py:class}`~emcee_femu.ShapeTerm` asks for `sd=`, one standard deviation for each

@@ -111,7 +111,7 @@ ef.pairing_table(right)
 # A mode that the model does not have shows up as a MAC below 0.5 in all samples. It
 # costs a finite penalty of log-likelihood (8), so the chain continues and you see it.
 #
-# ## Modes so close that their shapes mix
+# ## Close modes
 #
 # Two modes of nearly the same frequency can rotate in the plane that they span: a small
 # asymmetry decides their direction. Suppose that both directions are equally stiff, and

@@ -7,7 +7,7 @@
 # changed. `python examples/tutorials/long_runs.py` runs the page (12 s). The measured
 # frequencies are made up.
 #
-# ## A run in a file
+# ## Resume and restart
 #
 # The script below is a whole job: model, data, prior, and one call of
 # {py:func}`~emcee_femu.run` with `backend=`, the name of a file, and `resume=True`.

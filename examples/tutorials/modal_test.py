@@ -185,7 +185,7 @@ ef.pairing_table(idata)
 print(*ef.identifiability(idata).findings, sep="\n")
 
 # %% [markdown]
-# ## The report
+# ## Hand it over
 #
 # {doc}`/how_to/report` writes all of it as one HTML page, or tables and figures in a
 # document of your own. A few lines say how it was done:

@@ -44,7 +44,7 @@ print(exact.round(3), "Hz")
 #
 # {doc}`/how_to/csv_and_uff` makes the covariance **of one test** from several.
 #
-# ## The model's own error
+# ## Model error
 #
 # No building has three equal storeys. Let the storey stiffnesses scatter by 6 % about
 # their factor, and the floor masses by 6 % about their nominal value. The two factors,
