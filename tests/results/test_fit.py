@@ -14,6 +14,7 @@ from scipy import stats
 
 import emcee_femu as ef
 from emcee_femu.likelihoods.residuals import (
+    MISFIT,
     NOT_JUDGED,
     RESEMBLES_NONE,
     SKIPPED,
@@ -21,7 +22,7 @@ from emcee_femu.likelihoods.residuals import (
     FitRecord,
 )
 from emcee_femu.results.fit import find_farthest, judge_data
-from emcee_femu.results.fit_modes import judge_modes
+from emcee_femu.results.fit_modes import find_suspects, judge_modes
 from emcee_femu.results.measured import read_measured
 
 SCRIPT = Path(__file__).parents[2] / "examples/benchmarks/fit_calibration.py"
@@ -108,6 +109,21 @@ def test_an_inferred_error_does_not_hide_a_sensor():
     assert named(found, "shape", "sensor") == "s6"
     right = target(NOISY, laws=laws, discrepancy="d")
     assert ef.diagnose(sample(right), 40).fit.status == "fits"
+
+
+@pytest.mark.parametrize(
+    ("status", "term", "count"),
+    [(MISFIT, "shape", 1), ("fits", "shape", 0), (MISFIT, "frequency", 0)],
+)
+def test_sensors_are_looked_at_where_all_shapes_together_do_not_fit(
+    status, term, count
+):
+    """An inferred error hides which mode or sensor it is."""
+    posterior = target(broken("turned"))
+    mode = FitRecord("fits", "", "shape", "mode", "1", mac=0.8)
+    whole = FitRecord(status, "", term, "term")
+    found = [*find_suspects(posterior, np.ones(1), [mode, whole])]
+    assert [record.label for record in found] == ["s4"] * count
 
 
 @pytest.mark.parametrize("shapes_compared", [True, False])
