@@ -14,7 +14,7 @@ SECTIONS = ("start", "tutorials", "how_to", "explanation")
 SCRIPTS = [p for name in SECTIONS for p in sorted((EXAMPLES / name).glob("*.py"))]
 MEASURED = sorted((EXAMPLES / "benchmarks" / "measured").glob("*.txt"))
 MOST_WORDS = 700  # of a page that says how something works or how good it is
-FOR_USERS = ("auto", "verdict", "calibration", "moves_measured")
+FOR_USERS = ("auto", "verdict", "calibration", "moves_measured", "few_solves_measured")
 TEXTS = sorted(p for p in DOCS.rglob("*.md") if "_build" not in p.parts)
 
 
