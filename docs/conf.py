@@ -313,7 +313,11 @@ def find_anywhere(app: Any, env: Any, node: Any, text: Any) -> Any:
 
 def mix(app: Any, env: Any, names: list[str]) -> None:
     """Spread the pages that compute over the parts that processes read one by one."""
-    names.sort(key=lambda name: name[::-1])
+    pages = sorted(names, key=lambda name: name[::-1])  # also over the sections
+    code = [name for name in pages if (HERE / f"{name}.py").exists()]
+    groups = code, [name for name in pages if name not in code]
+    place = {name: i / len(group) for group in groups for i, name in enumerate(group)}
+    names.sort(key=place.__getitem__)
 
 
 def setup(app: Any) -> None:
