@@ -111,7 +111,7 @@ ef.diagnose(run)
 # ## A faster factorisation
 #
 # A full solve of a large model spends most of its time on factoring K. For solids,
-# PARDISO takes a small part of SuperLU's time (`pip install 'emcee_femu[pardiso]'`, on
+# PARDISO takes a small part of SuperLU's time (`pip install pypardiso`, on
 # Linux on x86-64; it brings MKL, 0.6 GB).
 #
 # PARDISO is used if it is installed, for models from 5,000 DOFs on. It takes as many

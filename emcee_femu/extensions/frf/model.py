@@ -355,8 +355,8 @@ class FRFTerm(Term):
         self.statement, self.formula = BY_AMPLITUDE if self.amplitude else BY_PARTS
         if not (self.amplitude or measured.values.imag.any()):
             raise ValueError(
-                "measured: expected complex values with their phases, got real ones "
-                "alone; of magnitudes take FRFTerm(..., amplitude=True)"
+                "measured: expected complex values with their phases, got only real "
+                "ones; for magnitudes use FRFTerm(..., amplitude=True)"
             )
         shape, spread = measured.values.shape, measured.sd
         if (self.amplitude or sd is None) and not measured.values.all():
