@@ -382,7 +382,7 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
     if k > 1:
         which += f" of weight {maxima.weights[0]:.2f}, one of {k}"
     said = (
-        f"These numbers are those of the Gaussian about {which}. Samples of a "
+        f"Local: these are numbers of the Gaussian about {which}. Samples of a "
         "posterior that is not Gaussian may say otherwise."
     )
     known = posterior.names, is_error, prior_mean, prior_sd, bounds

@@ -41,7 +41,7 @@ def load_opensees():
     except (ImportError, OSError, RuntimeError) as error:
         raise ImportError(
             f"OpenSees does not import ({error}). If it is not installed: "
-            "pip install 'emcee_femu[opensees]'. If it is, a BLAS or the Fortran "
+            "pip install openseespy. If it is, a BLAS or the Fortran "
             "runtime is missing: apt install libblas3 libgfortran5, or conda "
             "install -c conda-forge libblas libgfortran. There are no wheels for "
             "Linux on ARM"
