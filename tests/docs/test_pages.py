@@ -60,6 +60,19 @@ def test_the_reference_has_every_public_name():
         assert callable(pkgutil.resolve_name(f"emcee_femu.{name}")), name
 
 
+@pytest.mark.parametrize(
+    "page",
+    [p for p in SCRIPTS if p.parent.name in ("tutorials", "how_to")],
+    ids=lambda p: p.stem,
+)
+def test_a_page_begins_with_what_comes_out(page):
+    """One cell's output is shown at the head; or the first cell that is seen draws."""
+    cells = re.findall(r"^# %%(?! \[markdown\])(.*)$", page.read_text("utf-8"), re.M)
+    results = sum('"result"' in options for options in cells)
+    seen = [c for c in cells if not re.search('"(hide-input|remove-cell)"(?!.*alt)', c)]
+    assert results == 1 or (results == 0 and "hide-input" in seen[0])
+
+
 @pytest.mark.parametrize("name", FOR_USERS)
 def test_a_page_of_what_a_user_decides_by_is_short(name):
     (page,) = [p for p in SCRIPTS + TEXTS if p.stem == name]
