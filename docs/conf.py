@@ -158,7 +158,9 @@ def list_names() -> None:
         text = file.read_text("utf-8") if page else ""
         title, _, rest = text.partition("\n")
         blocks = re.findall(r"```\{eval-rst\}\n.*?```", rest, re.S)
-        names = "\n\n".join(b.replace("   :toctree: generated\n", "") for b in blocks)
+        # Without what a page describes once: a module, and the pages of its names.
+        once = r"   :toctree: generated\n|\.\. automodule::.*\n"
+        names = "\n\n".join(re.sub(once, "", block) for block in blocks)
         if blocks:
             parts.append(f"## [{title[2:]}]({page}.md)\n\n{names}\n")
     place = HERE / "_build" / "names.md"
