@@ -70,10 +70,10 @@ both = maxima[[0, 1] * 4] + ball  # of the walkers of each ensemble
 small = ef.MetropolisMove(sd=0.04)
 settings = {
     "60 steps": dict(steps=60, starts=same),
-    "walkers in both modes": dict(steps=2_000, starts=both, moves=small),
-    "each in its own mode": dict(steps=800, starts=own),
-    "all in one mode": dict(steps=800, starts=same),
-    "one ensemble in one mode": dict(steps=800, starts=same[0], ensembles=1),
+    "walkers in both modes": dict(steps=1_000, starts=both, moves=small),
+    "each in its own mode": dict(steps=400, starts=own),
+    "all in one mode": dict(steps=400, starts=same),
+    "one ensemble in one mode": dict(steps=400, starts=same[0], ensembles=1),
 }
 runs, shorts = {}, {}
 for title, setting in settings.items():

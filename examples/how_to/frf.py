@@ -37,7 +37,7 @@ model = ef.frf.FRFModel(modal, LINES, CHANNELS, damping="damping", kind="acceler
 # `residual=True` a `MatrixModel` adds it exactly. All walkers are one batch, with
 # derivatives.
 #
-# ## The measurement
+# ## FRFs
 #
 # {py:class}`~emcee_femu.frf.FRFMeasurements` holds receptance (displacement over
 # force), mobility (velocity) or accelerance (acceleration), each channel a pair
