@@ -114,7 +114,7 @@ html_search_scorer = str(HERE / "_static" / "scorer.js")
 html_show_copyright = False
 html_context = {"default_mode": "auto"}
 html_theme_options = {
-    "logo": {"text": "emcee_femu"},
+    "logo": {"text": "emcee_femu", "alt_text": "The mark: a beam bends into a density"},
     "repository_url": "https://github.com/emcee-femu/emcee_femu",
     "use_repository_button": True,
     "use_issues_button": True,
