@@ -32,12 +32,12 @@ FAILING, GRAIN = 0.05, 1e6  # share of solves that fail; grains of a parameter
 BLACK_BOX = "black_box"
 NAMES = "mass_spring", "h_structure", "shear", "beck_au", BLACK_BOX
 TAKES = {
-    "problem": "", "learned": "", "budget": "d", "certified": "", "right": "",
-    "median": ".0f", "most": ".0f", "mean off": ".3f", "sd off %": ".1f",
+    "problem": "", "learned": "", "budget": "d", "seeds": "d", "met": "d",
+    "median": ".0f", "most": ".0f", "mean": ".3f", "sd": ".3f",
 }  # fmt: skip
 LAW = {
-    "budget": "d", "runs": "d", "certified": "d", "wrong": "d", "corrected": "d",
-    "refused": "d", "emulations right": "d", "of these refused": "d",
+    "budget": "d", "calls": "d", "certified": "d", "wrong": "d", "corrected": "d",
+    "refused": "d", "right": "d", "right refused": "d",
 }  # fmt: skip
 
 
@@ -136,9 +136,9 @@ def say_takes(key: tuple[str, str, int], found: list[Found]) -> tuple[object, ..
     good = [f for f in certified if f.right]
     takes = [f.solves if f in good else np.inf for f in found]
     mean, sd = (max((f[k] for f in certified), default=np.nan) for k in (2, 3))
-    counts = [f"{len(part)} of {len(found)}" for part in (certified, good)]
     most = max(f.solves for f in found)
-    return (*key, *counts, float(np.median(takes)), float(most), mean, 100 * sd)
+    counts = len(found), len(good), float(np.median(takes)), float(most)
+    return (*key, *counts, mean, sd)
 
 
 def say_law(budget: int, found: list[Found]) -> tuple[object, ...]:

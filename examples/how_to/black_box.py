@@ -1,11 +1,11 @@
 # %% [markdown]
 # # Use a program as a black box
 #
-# Any program that is started from a command line can be a model: write its input file,
-# start it, read its output. `emulate` then learns the outputs from some tens of solves,
-# and `certify` checks the posterior against full ones. Some parameter sets cannot be
-# solved: that stops a run, with nothing lost, or is rejected and counted. `python
-# examples/how_to/black_box.py` runs this page (6 s of processor time).
+# For those whose model is a program that is started from a command line: write its
+# input file, start it, read its output. `emulate` then learns the outputs from some
+# tens of solves, and `certify` checks the posterior against full ones. Parameter sets
+# that cannot be solved stop a run, with nothing lost, or are rejected and counted.
+# `python examples/how_to/black_box.py` runs the page (6 s).
 #
 # ## The program
 #
@@ -110,7 +110,7 @@ print("the first one:", log.kept[0].message, dict(log.kept[0].parameters), sep="
 # {py:func}`~emcee_femu.run_emulated` emulates the program, samples the emulated posterior
 # and certifies it by full solves, all in one call:
 
-# %%
+# %% tags=["result"]
 before = len(starts)
 found = ef.run_emulated(posterior, 120, **reject)
 print(f"the program was started {len(starts) - before} times")

@@ -1,13 +1,12 @@
 # %% [markdown]
 # # A posterior in a hundred solves
 #
-# Your model is a program that takes minutes for a solve and gives no matrices and no
-# derivatives. One call learns its response from some twenty solves, samples what was
-# learned, and spends forty more solves to check the result. This page makes it, takes it
-# step by step, and shows what to do if the check fails.
-# `python examples/tutorials/hundred_solves.py` runs this page (25 s of processor time).
-# Structure and data are simulated; {doc}`/start/choose` says
-# when this is the way to go.
+# For those whose model is a program that takes minutes for a solve and gives no
+# matrices and no derivatives. One call learns its response from some twenty solves,
+# samples what was learned, and spends forty more solves to check the result. This page
+# makes it, takes it step by step, and shows what to do if the check fails.
+# `python examples/tutorials/hundred_solves.py` runs the page (25 s). Structure and data
+# are simulated; {doc}`/start/choose` says when this is the way to go.
 #
 # ## The program
 #
@@ -71,7 +70,7 @@ posterior = ef.LogPosterior(model, term, prior, units)
 # `backend=` stores every solve as it arrives: if it is stopped, the same call with
 # `resume=True` continues, and with more `solves` too.
 
-# %%
+# %% tags=["result"]
 folder = Path(tempfile.mkdtemp())
 found = ef.run_emulated(posterior, solves=100, seed=1, backend=folder / "one.chain")
 print(f"{len(calls)} calls of the program")
@@ -145,7 +144,8 @@ certificate
 #
 # **More solves from the same file**: no solve is lost. The same call, of
 # `run_emulated` or of `emulate`, with more solves and `resume=True` continues, and the
-# result is exactly that of one call, also after a crash. Some solves are repeated each time, to check that the model is still the same:
+# result is exactly that of one call, also after a crash. Some solves are repeated each
+# time, to check that the model is still the same:
 
 # %%
 before = len(calls)
