@@ -218,7 +218,7 @@ class Emulated:
         (
             lambda: ef.frf.FRFMeasurements.from_uff("a"),
             ImportError,
-            "pip install pyuff",
+            r"pip install pyuff",
         ),
     ],
 )
