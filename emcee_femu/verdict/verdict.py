@@ -48,6 +48,7 @@ MEAN_KNOWN_TO = 0.05  # sds, with the waits of walkers at places of poor accepta
 STUCK_BY_CHANCE = 0.05  # walkers that may not have moved yet in a short chain
 CONVERGED, MIXED, NOT_CONVERGED = "converged", "well mixed", "not converged"
 NO_CHAINS = "none"  # of a population, or of weighted draws
+REFUSED = "refused"  # of an emulated posterior that full solves contradict
 TOO_SHORT = "too short"
 BEGINS_ELSEWHERE = "the chain begins elsewhere"
 SEARCHED, NOT_SEARCHED = "searched", "not searched"
@@ -139,8 +140,8 @@ class Diagnosis(Report):
             "auto" ran; printed if there are several.
         chains: Whether the chains converged: "converged", "well mixed" (a single
             ensemble, or given starts) or "not converged", with the number of steps to
-            run. For a population or weighted draws it is "none", and the numbers above
-            are NaN.
+            run; "refused" of an emulated posterior that its certificate refuses. For a
+            population or weighted draws it is "none", and the numbers above are NaN.
         search: "searched" or "not searched"; the maxima found, and how small a maximum
             may have been missed.
         fit: Whether the measurements lie inside the posterior predictive: "fits",
