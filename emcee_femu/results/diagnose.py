@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..likelihoods.residuals import FitRecord
+from ..search.maxima import HITS
 from ..search.record import Chains
 from ..verdict.statistics import MaximaWeights
 from ..verdict.verdict import (
@@ -25,7 +26,6 @@ from .fit import read_records
 from .fit_statement import judge_fit
 from .to_arviz import FIT, to_inference_data
 
-HITS = 3  # expected, of which none comes once in twenty times
 # Weights are equal within two standard errors, if these are so small.
 EQUAL_WITHIN, ERROR_OF_EQUAL = 2.0, 0.02
 

@@ -2,15 +2,18 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
 from ..moves.mixture import Mixture
 from ..posterior.log_posterior import LogPosterior
 from .archive import Archive, Draft
+from .coordinates import Coordinates
 from .ledger import Ledger
 from .maxima import Maxima
 from .proposal import Component, Proposal
@@ -35,7 +38,7 @@ class Sizes:
     Attributes:
         points: Points of the exploration.
         batch: Draws of one round of the refinement, at least.
-        refined: Draws after which no round of a refinement begins.
+        refined: Solves after which no round of a refinement begins.
         judged: Draws by which a proposal is judged.
     """
 
@@ -60,7 +63,6 @@ class Campaign:
         maxima: The maxima that were found.
         proposal: The present proposal; none before the exploration.
         draft: The best proposal so far, with the draws that judged it.
-        tails: Components for tails, which a refinement does not keep.
         points: How many points were explored.
         first_share: Effective share of the first refined mixture, without those.
         surface: The response surface that screens proposals, where there is one.
@@ -78,7 +80,6 @@ class Campaign:
     maxima: Maxima = field(init=False)
     proposal: Proposal = field(init=False)
     draft: Draft = field(init=False)
-    tails: list[Component] = field(default_factory=list)
     points: int = 0
     first_share: float = np.nan
     surface: ResponseSurface | None = None
@@ -88,7 +89,16 @@ class Campaign:
     def __post_init__(self) -> None:
         """Begin with an empty archive."""
         self.archive = Archive(self.posterior.ndim)
-        self.maxima = Maxima(len(self.streams))
+        self.maxima = Maxima(len(self.streams), self.coordinates)
+
+    @cached_property
+    def coordinates(self) -> tuple[NDArray[np.bool_] | None, ...]:
+        """Which parameters a mixture may see by their logarithms: none, or all it can.
+
+        These are all that the prior lets be positive alone.
+        """
+        logs = Coordinates.positive(self.posterior.prior).logs
+        return (None, logs) if logs.any() else (None,)
 
     @property
     def posterior(self) -> LogPosterior:
@@ -113,11 +123,14 @@ class Campaign:
         return theta, self.evaluator.rows(theta)
 
     def extend(self, added: Sequence[Component], kind: str, number: int) -> None:
-        """Add components to the proposal, after some draws of these alone."""
+        """Add components of the parameters, after some draws of these alone."""
+        law = self.proposal.law
         weights, means, matrices = map(np.array, zip(*added, strict=True))
-        alone = Mixture(weights / weights.sum(), means, matrices, self.proposal.law.df)
+        alone = Mixture(weights / weights.sum(), means, matrices, law.df)
+        alone = alone.seen_in(law.logs)
         self.archive.add(*self.draw(alone, number), alone)
-        self.proposal = self.proposal.extended(added, kind)
+        parts = map(Component, weights, alone.means, alone.matrices)
+        self.proposal = self.proposal.extended([*parts], kind)
 
 
 Stage: TypeAlias = Callable[[Campaign], None]
