@@ -12,7 +12,7 @@ import numpy as np
 from ..contracts import Floats
 from ..moves.mixture import Mixture
 from .archive import Archive, Draft
-from .campaign import Campaign
+from .campaign import POOR_ACCEPTANCE, Campaign
 from .climbing import Maximum
 from .maxima import NEGLIGIBLE, WORTH_SOLVES
 from .proposal import CARRIER, Component, Proposal, add_components
@@ -59,7 +59,7 @@ def adapt(campaign: Campaign) -> None:
         if enough and not lost:
             break
         if number + 1 < REFINING_ROUNDS:
-            core = _refit(c)
+            core = _refit(c, draft.acceptance < POOR_ACCEPTANCE)
             if lost:  # as many solves again, if it takes so many
                 core = add_components(core, [_at_maximum(core, top) for top in lost])
                 drafts, restored = [], restored + lost
@@ -145,12 +145,13 @@ def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]
         yield mean, matrix
 
 
-def _refit(campaign: Campaign) -> Mixture:
+def _refit(campaign: Campaign, poor: bool) -> Mixture:
     """Return the old mixture or a fit to the weighted draws, by Akaike's criterion.
 
     In each of the coordinates there are two fits, one with a component more, at the
     draw that costs the other one most. The tails are those of the largest effective
-    share.
+    share. A poor mixture is not kept: few draws weigh, none of which could pay for a
+    component by the criterion.
     """
     archive, dfs = campaign.archive, campaign.settings.dfs
     core = campaign.proposal.core
@@ -159,7 +160,7 @@ def _refit(campaign: Campaign) -> Mixture:
     shares = np.minimum(archive.shares, len(archive.x) ** -0.5)
     use = shares > np.finfo(float).eps * shares.max()
     x, shares = archive.x[use], shares[use] / shares[use].sum()
-    candidates = [replace(core, df=df) for df in dfs]
+    candidates = [] if poor else [replace(core, df=df) for df in dfs]
     for logs in campaign.coordinates:
         begin = core if logs is core.logs else core.seen_in(logs)
         fitted, _ = begin.improve(x, shares)

@@ -27,6 +27,8 @@ MOST_QUADRATIC = 30
 # badly that polynomials are learned from its draws, which must reach the ends of a
 # ridge. (Of 14 buildings of ten storeys 13 converged; without it 10.)
 WEIGHED_WHERE_BENT = 2.0
+# Draws of the prior whose median is well inside it.
+MEDIAN_DRAWS = 1_000
 # Acceptance of independence proposals below which other moves do better.
 POOR_ACCEPTANCE = 0.2
 
@@ -95,9 +97,16 @@ class Campaign:
     def coordinates(self) -> tuple[NDArray[np.bool_] | None, ...]:
         """Which parameters a mixture may see by their logarithms: none, or all it can.
 
-        These are all that the prior lets be positive alone.
+        It may where the prior allows only positive values and has no density at zero.
+        Otherwise the density of the logarithm has an exponential tail towards zero,
+        which is heavier than that of a mixture that is fitted to draws.
         """
-        logs = Coordinates.positive(self.posterior.prior).logs
+        prior = self.posterior.prior
+        logs = Coordinates.positive(prior).logs
+        theta = np.median(prior.sample(np.random.default_rng(0), MEDIAN_DRAWS), axis=0)
+        at_zero = np.where(np.eye(len(theta), dtype=bool), 0.0, theta)
+        with np.errstate(all="ignore"):
+            logs &= np.isneginf(prior.logpdf(at_zero))
         return (None, logs) if logs.any() else (None,)
 
     @property

@@ -53,6 +53,20 @@ def test_without_positive_parameters_there_are_no_logarithms(law):
     assert c.coordinates == (None,) and c.draft.proposal.law.logs is None
 
 
+@pytest.mark.parametrize("law", [stats.halfnorm(scale=0.5), stats.expon()])
+def test_what_may_be_next_to_zero_is_not_in_logarithms(law):
+    """A standard deviation that data hardly know: weights beside zero are bounded."""
+    prior = ef.IndependentPrior({"sd": law, "k": stats.lognorm(0.5)})
+    posterior = free_posterior(lambda x: -0.5 * (x[:, 0] / 0.3) ** 2, prior)
+    c = refined(posterior)
+    assert c.coordinates[1].tolist() == [False, True]
+    beside = np.column_stack([np.geomspace(1e-9, 0.1, 50), np.full(50, 1.0)])
+    rows = c.evaluator.rows(beside)
+    c.archive.add(beside, rows, c.draft.proposal.law)
+    lack = c.archive.log_ratio(c.draft.proposal.law)[-50:]
+    assert lack.max() < 1.0
+
+
 def test_a_record_in_logarithms_is_read_as_it_was_written():
     posterior = free_posterior(product, ef.IndependentPrior(WIDE))
     record = ef.run(posterior, steps=2, ensembles=1, seed=1).search
