@@ -142,11 +142,6 @@ class Mixture:
         # A hundred times as fast for few points as logsumexp of SciPy.
         return np.asarray(np.logaddexp.reduce(self.log_parts(x), axis=1))
 
-    def log_density_of_coordinates(self, x: Floats) -> Floats:
-        """Return the log density ``(n,)`` of coordinates ``x (n, d)``."""
-        parts = self._log_parts_at(self._squared_distances(x))
-        return np.asarray(np.logaddexp.reduce(parts, axis=1))
-
     def draw(self, random: Generator | RandomState, n: int) -> Floats:
         """Draw ``(n, d)``."""
         several = len(self.weights) > 1

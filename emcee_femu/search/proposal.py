@@ -7,6 +7,7 @@ from typing import NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 from ..contracts import Floats
 from ..moves.mixture import Mixture
@@ -26,12 +27,9 @@ DEFENCE_WEIGHT = 0.1
 DEFENCE_WIDTH = 2.0
 # Weight of all components that are added at once.
 MOST_ADDED = 0.35
-# A valley separates two maxima if the log-density in it is so much below that of the
-# lower of the two centres. (Two equal Gaussians have such a valley from 4.6 standard
-# deviations apart.)
-VALLEY_DEPTH = 2.0
-# The density is compared at these fractions of the way between two centres.
-WAY = np.linspace(0.0, 1.0, 11)
+# Squared distance of two centres, by the sum of the matrices, from which components
+# belong to separate maxima.
+MAXIMA_APART = 10.0
 # The maximum of the defensive component, which belongs to none.
 NO_MAXIMUM = -1
 
@@ -92,27 +90,21 @@ class Proposal:
         return type(self)(add_components(self.undefended, added), kinds)
 
     def separate(self) -> Labels:
-        """Return the maximum of each component of the law.
+        """Return the maximum of each component of the law; of several that overlap one.
 
-        Two components belong to one maximum if the density of the mixture has no deep
-        valley between their centres, or between either and others of that maximum. The
-        defensive component belongs to none.
+        A carrier may span several maxima: it belongs to that of the nearest other
+        component, and joins none. The defensive component belongs to none.
         """
-        core = self.undefended
-        apart = core.means[:, None] - core.means
-        ways = core.means + WAY[:, None, None, None] * apart
-        heights = core.log_density_of_coordinates(ways.reshape(-1, core.means.shape[1]))
-        passes = heights.reshape(ways.shape[:3]).min(axis=0)
-        tops, labels = np.diagonal(passes), np.arange(len(passes))
-        pairs = np.column_stack(np.unravel_index(passes.argsort(None), passes.shape))
-        for i, j in pairs[::-1]:  # the highest pass first
-            lower, higher = sorted((labels[i], labels[j]), key=lambda k: tops[k])
-            if passes[i, j] > tops[lower] - VALLEY_DEPTH:
-                labels[labels == lower] = higher
-        all_labels = np.full(len(self.law_kinds), NO_MAXIMUM, dtype=np.intp)
-        owned = self.law_kinds != DEFENSIVE
-        all_labels[owned] = np.unique(labels, return_inverse=True)[1]
-        return all_labels
+        means, matrices = self.core.means, self.core.matrices
+        apart, sums = means[:, None] - means, matrices[:, None] + matrices
+        solved = np.linalg.solve(sums, apart[..., None]).squeeze(-1)
+        squares = np.einsum("ijd,ijd->ij", apart, solved)
+        local = np.flatnonzero(self.kinds != CARRIER)
+        joined = squares[np.ix_(local, local)] < MAXIMA_APART
+        groups = connected_components(joined, directed=False)[1]
+        labels = np.full(len(self.law_kinds), NO_MAXIMUM, dtype=np.intp)
+        labels[self.law_kinds != DEFENSIVE] = groups[squares[:, local].argmin(axis=1)]
+        return labels
 
 
 def add_components(mixture: Mixture, added: Sequence[Component]) -> Mixture:
