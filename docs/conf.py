@@ -5,9 +5,13 @@ executed, and their outputs are kept until the package changes.
 """
 
 import hashlib
+import html
+import io
 import os
+import re
 import shutil
 import sys
+from base64 import b64decode
 from functools import partial
 from importlib.metadata import files as files_of
 from importlib.metadata import version as version_of
@@ -18,6 +22,7 @@ import nbformat
 from jupyter_cache import get_cache
 from jupyter_cache.executors import utils as executors
 from jupyter_client import KernelManager
+from PIL import Image
 from traitlets.config import Config
 
 import emcee_femu
@@ -38,6 +43,11 @@ for subject in ("frf", "paper", "population"):
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 SECTIONS = ["start", "tutorials", "how_to", "explanation"]
+FIGURES = "how_to/gallery"  # the page that draws every figure of the package
+# A cell with a picture: its alternative text, and its code.
+PICTURE = re.compile(
+    r'^# %%.* mystnb={"image": {"alt": "(.*?)"}}\n((?:(?!# %%).*\n)+)', re.M
+)
 
 project = "emcee_femu"
 author = "The emcee_femu developers"
@@ -69,6 +79,7 @@ nb_execution_raise_on_error = True
 nb_execution_in_temp = True  # pages write files
 nb_execution_timeout = 900  # s for a cell: machines are busy at times
 nb_merge_streams = True
+nb_output_stderr = "warn"  # a page that prints a warning fails the build (-W)
 # Pages show no bars; and where tests ask for Agg, they would show no figure.
 os.environ["TQDM_DISABLE"] = "1"
 os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
@@ -94,12 +105,14 @@ mathjax_path = "mathjax/tex-chtml.js"  # of this site: see copy_mathjax
 # Looks
 html_theme = "sphinx_book_theme"
 html_title = f"emcee_femu {release}"
+html_logo = html_favicon = "_static/mark.svg"
 html_static_path = ["_static", "_build/mathjax"]
 html_css_files = ["site.css"]
 html_search_scorer = str(HERE / "_static" / "scorer.js")
 html_show_copyright = False
 html_context = {"default_mode": "auto"}
 html_theme_options = {
+    "logo": {"text": "emcee_femu"},
     "repository_url": "https://github.com/emcee-femu/emcee_femu",
     "use_repository_button": True,
     "use_issues_button": True,
@@ -128,6 +141,89 @@ def copy_pages() -> None:
             if not page.exists() or page.read_bytes() != source.read_bytes():
                 page.parent.mkdir(exist_ok=True)
                 shutil.copyfile(source, page)
+
+
+def list_names() -> None:
+    """Write what the reference's first page includes: all names, by the lists of pages.
+
+    The lists are those of the pages in its table of contents, in this order, without
+    the table of contents that each page makes of its own.
+    """
+    reference, parts = HERE / "reference", []
+    pages = (reference / "index.md").read_text("utf-8").partition("```{toctree}")[2]
+    for page in pages.partition("```")[0].split("\n")[3:]:
+        file = reference / f"{page}.md"
+        text = file.read_text("utf-8") if page else ""
+        title, _, rest = text.partition("\n")
+        blocks = re.findall(r"```\{eval-rst\}\n.*?```", rest, re.S)
+        names = "\n\n".join(b.replace("   :toctree: generated\n", "") for b in blocks)
+        if blocks:
+            parts.append(f"## [{title[2:]}]({page}.md)\n\n{names}\n")
+    place = HERE / "_build" / "names.md"
+    place.parent.mkdir(exist_ok=True)
+    if not place.exists() or place.read_text("utf-8") != "\n".join(parts):
+        place.write_text("\n".join(parts), encoding="utf-8")
+
+
+def find_pictures() -> list[tuple[str, str, str]]:
+    """Return page, name and alternative text of each picture that pages draw.
+
+    A cell has the text of its picture; it is named by its function in the page of all
+    figures, and by its page elsewhere, of which the first picture is taken.
+    """
+    found = []
+    for section in SECTIONS:
+        for source in sorted((ROOT / "examples" / section).glob("*.py")):
+            page, text = f"{section}/{source.stem}", source.read_text("utf-8")
+            title = text.partition("# # ")[2].partition("\n")[0]
+            cells = PICTURE.findall(text)
+            for alt, code in cells if page == FIGURES else cells[:1]:
+                drawn = re.findall(r"plot_\w+", code)
+                found.append((page, drawn[0] if page == FIGURES else title, alt))
+    return found
+
+
+def list_pictures() -> None:
+    """Write what the gallery includes: a card for each figure and for each page."""
+    cards: dict[bool, list[str]] = {True: [], False: []}
+    for page, name, alt in find_pictures():
+        file = f"_static/thumbnails/{name_thumbnail(page, name)}"
+        picture = f'<img class="thumbnail" src="{file}" alt="{html.escape(alt)}">'
+        cards[page == FIGURES].append(
+            f":::{{grid-item-card}} {name}\n:link: {page}\n:link-type: doc\n"
+            f"```{{raw}} html\n{picture}\n```\n:::\n"
+        )
+    grids = [
+        f"## {title}\n\n::::{{grid}} 2 2 3 3\n:gutter: 3\n\n{''.join(part)}::::\n"
+        for title, part in (("Pages", cards[False]), ("Figures", cards[True]))
+    ]
+    (HERE / "_build" / "cards.md").write_text("\n".join(grids), encoding="utf-8")
+
+
+def name_thumbnail(page: str, name: str) -> str:
+    """Return the file of a thumbnail."""
+    return f"{name if page == FIGURES else page.replace('/', '-')}.png"
+
+
+def draw_thumbnails(app: Any, error: Exception | None) -> None:
+    """Make the gallery's thumbnails of the pictures in executed pages."""
+    if error or app.builder.name != "html":
+        return
+    place = Path(app.outdir) / "_static" / "thumbnails"
+    place.mkdir(parents=True, exist_ok=True)
+    for page, name, alt in find_pictures():
+        file = HERE / "_build" / "jupyter_execute" / f"{page}.ipynb"
+        cells = nbformat.read(file, as_version=4).cells
+        data = next(
+            output.data["image/png"]
+            for cell in cells
+            if alt in str(cell.metadata)
+            for output in cell.get("outputs", [])
+            if "image/png" in output.get("data", {})
+        )
+        picture = Image.open(io.BytesIO(b64decode(data))).convert("RGB")
+        picture.thumbnail((480, 360))
+        picture.save(place / name_thumbnail(page, name), optimize=True)
 
 
 def copy_mathjax() -> None:
@@ -163,6 +259,8 @@ nb_execution_cache_path = str(HERE / "_build" / "cache" / package_hash())
 # Made here, once: two processes that make it at the same time collide.
 get_cache(nb_execution_cache_path).list_cache_records()
 copy_pages()
+list_names()
+list_pictures()
 copy_mathjax()
 
 
@@ -200,4 +298,5 @@ def setup(app: Any) -> None:
     """Ask for names once more before a missing one is reported; offer notebooks."""
     app.connect("env-before-read-docs", mix)
     app.connect("missing-reference", find_anywhere)
+    app.connect("build-finished", draw_thumbnails)
     app.connect("html-page-context", offer_notebook, priority=400)  # before the theme

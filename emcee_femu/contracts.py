@@ -28,14 +28,21 @@ one_by_one model         True: it solves parameter sets one at a time, so that a
                          solve affects only its own set
 geometry   model         its ``Geometry``, for drawings of mode shapes
 dofs       model         all its DOFs; nodes without DOFs are drawn as supports
+sensors    model         which combinations of ``dofs`` the rows of its shapes are
 name       term          the label under which its log-likelihood is stored
 reads      term          ``{name: Variable}``, the variables that it needs
 observed   term          ``{name: array}``, the measured values by variable name
 deviations term          ``deviations(parameters, response)``: r and sd, each
                          ``(n, m)``, if the log-likelihood is the sum of those of
                          N(r; 0, sd) up to a constant; this gives the Fisher information
-statement  term          for reports: the likelihood in one sentence; with ``formula``,
-                         in HTML, and ``symbol``, that of an inferred error
+                         and the residuals by which the fit is judged
+restore    term          ``restore(deviations)``: the measurements ``(n, *shape)`` that
+                         have the deviations ``(n, m)``, so that new measurements can be
+                         drawn; not needed if they are plain differences
+error_sd   term          ``{name: array}``, the standard deviations of ``observed``
+statement  term          for reports: the likelihood in one sentence
+formula    term          for reports, in HTML: the likelihood as a formula
+symbol     term          for reports, in HTML: the symbol of an inferred error
 state      move          ``state()``: its memory from one step to the next, as JSON
                          types (numbers, strings, lists, mappings). Absent: its
                          proposals depend only on the walkers and the random stream
@@ -169,6 +176,20 @@ def read(response: Response, name: str) -> Floats:
         there = [k for k in dir(response) if k[0] != "_"]
         has = [k for k in there if isinstance(find(response, k), np.ndarray)]
     raise TypeError(f"model: its {kind} has no {name!r}; there are {has}")
+
+
+class Stored(dict[str, Floats]):
+    """The stored variables of a response, read by key or as attributes.
+
+    A term may read them as it reads what the model returns.
+    """
+
+    def __getattr__(self, name: str) -> Floats:
+        """Return a variable, or the frequencies by the name of their field."""
+        try:
+            return self["frequency" if name == "frequencies" else name]
+        except KeyError:
+            raise AttributeError(f"no stored {name!r}; there are {[*self]}") from None
 
 
 class Linearization(NamedTuple):

@@ -62,7 +62,7 @@ def test_an_example_runs_wherever_it_is_pasted(label):
             made |= {alias.asname or alias.name for alias in node.names}
         elif isinstance(node, ast.arg):
             made.add(node.arg)
-        elif isinstance(node, ast.FunctionDef):
+        elif isinstance(node, ast.FunctionDef | ast.ClassDef):
             made.add(node.name)
     assert {n.id for n in names} <= made
 

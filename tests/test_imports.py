@@ -13,11 +13,11 @@ import emcee_femu
 PACKAGE = Path(emcee_femu.__file__).parent
 # The core is a pipeline: a folder imports from those before it, never from those after.
 ORDER = (
-    "checks contracts table measurements models likelihoods posterior evaluation moves "
-    "search verdict sampling results figures extensions"
+    "checks contracts digits table measurements models likelihoods posterior "
+    "evaluation moves search verdict sampling results figures extensions"
 ).split()
 LAZY = {"", "figures", "moves"}  # these import names of extensions when asked for them
-ALONE = {"contracts", "checks", "table", "moves"}  # all that moves may import
+ALONE = {"contracts", "checks", "digits", "table", "moves"}  # all that moves may import
 
 
 FILES = {

@@ -28,7 +28,8 @@ SHOWN = [
 def test_text_is_aligned_and_shows_every_cell():
     title, *lines = str(MIXED).splitlines()
     assert title == MIXED.title
-    assert len({len(line) for line in lines}) == 1
+    assert max(map(len, lines)) == len(lines[0])
+    assert all(line == line.rstrip() for line in lines)
     assert lines[0] == lines[2] == lines[-1] == "-" * len(lines[0])
     for line, cells in zip(lines[3:-1], SHOWN, strict=True):
         assert line.split() == " ".join(cells).split()
@@ -83,3 +84,22 @@ def test_a_wide_table_is_printed_in_blocks_with_the_names_of_the_rows():
         rows = re.findall(rf"<tr><td [^>]*>{name}</td>(.*?)</tr>", table._repr_html_())
         assert len(rows) > 1
         assert re.findall("<td>(.*?)</td>", "".join(rows)) == values
+
+
+def test_a_number_is_never_parted_from_its_error():
+    pairs = [("mean", ".4f", [1.5]), ("+-", ".4f", [0.5]), ("ESS", "d", [900])]
+    for width in range(1, 40):  # of the first column, which shifts all others
+        table = Table.from_columns("Errors", [("n" * width, "", [""]), *5 * pairs])
+        lines = [x for x in str(table).splitlines()[1:] if "mean" in x or "ESS" in x]
+        titles = [line.split()[1:] for line in lines]
+        assert [t for row in titles for t in row] == 5 * ["mean", "+-", "ESS"]
+        assert all(row.count("mean") == row.count("+-") for row in titles)
+        assert max(map(len, str(table).splitlines())) <= 80
+
+
+def test_a_long_title_is_wrapped_and_a_table_without_rows_has_its_titles():
+    table = Table.from_columns("of words " * 20, [("mode", "d", []), ("f", ".2f", [])])
+    *title, rule, columns, _, _ = str(table).splitlines()
+    assert " ".join(" ".join(title).split()) == table.title.strip()
+    assert max(map(len, title)) <= 80
+    assert columns == "mode  f" and rule == "-------"

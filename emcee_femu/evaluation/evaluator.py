@@ -22,6 +22,7 @@ Request: TypeAlias = tuple[Kind, Floats]  # what is asked for, and a point (d,)
 Result: TypeAlias = Floats | Failure
 Failures: TypeAlias = dict[int, Failure]  # by the number of the point
 Bar: TypeAlias = Any  # tqdm's, or one with update(count)
+LOGGED = 5  # rejected solves, after which a warning of each says nothing new
 DERIVED = "gradient", "linearization"  # what asks a model for derivatives
 # Log-posterior below which a point is impossible: no data are 1e10 standard deviations
 # off, and numbers like -1e300 are meant so.
@@ -61,6 +62,7 @@ class Evaluation:
         failures: The failed solves; None where a failure is an error.
         whole: The evaluation of which this is a part, None of the whole.
         solves: Points inside the prior's support so far.
+        rejected: Solves that failed here so far.
         bar: What shows how many more there are; at first nothing.
         warned: Whether it was said that points are taken for impossible.
     """
@@ -70,6 +72,7 @@ class Evaluation:
     failures: FailureLog | None = None
     whole: "Evaluation | None" = None
     solves: int = field(default=0, init=False)
+    rejected: int = field(default=0, init=False)
     bar: Bar = field(default=get_progress_bar(False, None), init=False)
     warned: bool = field(default=False, init=False)
 
@@ -159,6 +162,9 @@ class Evaluation:
                 return self.posterior.stack(theta, kind), {}
             except Exception as error:
                 if not self.solver.returns(error, kind):
+                    error.add_note(
+                        'on_failure="reject" rejects such points and goes on'
+                    )
                     raise
         requests: list[Request] = [(kind, point) for point in theta]
         each = map if self.pool is None else self.pool.map
@@ -183,7 +189,12 @@ class Evaluation:
         solves = len(failures) + int(np.count_nonzero(stacked[:, 1] > -np.inf))
         self.bar.update(solves)
         for each in failures.values():
-            logger.warning("rejected: %s at %s", each.message, dict(each.parameters))
+            run = self.whole or self
+            run.rejected += 1
+            level = logging.WARNING if run.rejected <= LOGGED else logging.DEBUG
+            logger.log(level, "rejected: %s at %s", each.message, dict(each.parameters))
+            if run.rejected == LOGGED:
+                logger.warning("further rejected solves are logged at level DEBUG")
         for evaluation in filter(None, (self, self.whole)):
             evaluation.solves += solves
             if evaluation.failures is not None:

@@ -7,6 +7,7 @@ holds.
 """
 
 import json
+import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -258,11 +259,14 @@ def describe_object(value: object) -> str:
 def check_progress(progress: bool | str | None) -> bool | str:
     """Return True, False, or "notebook" if ipywidgets can show that bar.
 
-    None: whether there is a terminal, or a notebook that can show a bar.
+    None: whether there is a terminal or a notebook, unless tqdm's own variable
+    TQDM_DISABLE is set.
     """
     if progress is None:
-        shown = _on_terminal() or _in_notebook()
-        return shown and find_spec("tqdm") is not None
+        disabled = os.environ.get("TQDM_DISABLE", "").lower() not in ("", "0", "false")
+        return not disabled and (
+            _in_notebook() or (_on_terminal() and find_spec("tqdm") is not None)
+        )
     if progress != "notebook":
         return checks.flag("progress", progress)
     if find_spec("ipywidgets") is None:
@@ -276,7 +280,7 @@ def check_progress(progress: bool | str | None) -> bool | str:
 def progress_bar(progress: bool | str, total: int, text: str) -> Bar:
     """Return a progress bar with emcee's interface, as requested."""
     if progress is True and not _on_terminal():
-        if not _in_notebook():
+        if not _in_notebook() or find_spec("ipywidgets") is None:
             return _Lines(total, text)
         progress = "notebook"
     if progress and find_spec("tqdm") is not None:
@@ -305,9 +309,7 @@ def _on_terminal() -> bool:
 
 
 def _in_notebook() -> bool:
-    """Return whether this is a notebook that can show a bar."""
-    kernel = type(sys.stderr).__module__.startswith("ipykernel")
-    return kernel and find_spec("ipywidgets") is not None
+    return type(sys.stderr).__module__.startswith("ipykernel")
 
 
 class _Lines:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,15 +12,26 @@ from matplotlib.patches import Rectangle
 
 from .. import checks
 from ..contracts import Floats, read_declared
-from ..measurements.modes import is_rotation
+from ..measurements.modes import is_rotation, read_combination
 from ..models.geometry import Geometry
+from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre
 from ..results.arviz_objects import dataset, samples
-from ..results.measured import ModeShapes, Pairing, choose_experiment, solve_shapes
+from ..results.measured import ModeShapes, Pairing, choose_experiments, solve_shapes
 from ..results.tables import summarize
 from ..results.to_arviz import read_samples
-from .style import BELOW, BLUE, GREY, RED, Style, finish, subplots
+from .style import (
+    BELOW,
+    BLUE,
+    GREY,
+    RED,
+    Size,
+    Style,
+    add_panels,
+    finish,
+    stack_parts,
+)
 
 Moves: TypeAlias = dict[Hashable, Floats]  # displacements (3,) by node
 
@@ -30,6 +41,7 @@ SHAPE_MARGIN = 0.17  # around the structure, of its size
 # A view in space: from how far to the side, and from how far above.
 SIDE, ABOVE = math.radians(30), math.radians(22)
 NO_EXTENT = 1e-9
+BENT_POINTS = 13  # of a line that bends
 FEW_MODES = 3  # modes of the model up to which the two panels are beside each other
 ROW, COLUMN = 0.42, 0.66  # inches of a measured mode, and at least of the model's
 
@@ -41,15 +53,18 @@ def plot_shapes(
     geometry: Geometry | None = None,
     modes: int | Sequence[int] | None = None,
     experiment: str | None = None,
+    structure: bool = False,
 ) -> Figure:
     """Draw the structure with measured mode shapes and those of the updated model.
 
     There is one panel per mode. The structure at rest is grey. The model at the
     posterior mean (one solve) is blue; a blue circle is the model at a sensor, in the
     direction of the sensor. Red lines that end in dots are the measurements, on the
-    model's scale. Blue lines follow their nodes. A node without DOFs does not move if
-    it is one of the geometry's supports, or if the model returns shapes at all its DOFs
-    (``shapes=True``); otherwise its lines are left out. For close modes, whose shapes
+    model's scale. Blue lines follow their nodes; where the model returns all rotations
+    too, they bend as beams do, by the cubics of their elements. A node without DOFs
+    does not move if it is one of the geometry's supports, or if the model returns
+    shapes at all its DOFs (``shapes=True``); otherwise its lines are left out. For
+    close modes, whose shapes
     can be any combination of one another, the combination closest to the measured shape
     is drawn, at the sensors only. Without measured shapes, the model's shapes are drawn
     alone.
@@ -62,7 +77,9 @@ def plot_shapes(
         posterior: The sampled posterior, if idata is an ArviZ object.
         geometry: Nodes, lines and sensors; the model's own by default.
         modes: The mode or modes to draw, 1 = the first measured one; None for all.
-        experiment: Name of one experiment of a joint posterior.
+        experiment: Name of one experiment of a joint posterior; None for all whose
+            shapes can be drawn, below each other.
+        structure: Whether a first panel shows the structure at rest with its sensors.
 
     Returns:
         The matplotlib Figure.
@@ -93,7 +110,54 @@ def plot_shapes(
     """
     idata, posterior = read_samples(idata, posterior)
     posterior = checks.instance("posterior", posterior, LogPosterior)
-    test = choose_experiment(posterior, experiment)
+
+    def can_be_drawn(test: Experiment) -> bool:
+        """Return whether it has shapes at known places."""
+        placed = (geometry or read_declared(test.model, "geometry")) is not None
+        shapes = (read_declared(test.model, "variables") or {}).get("shapes")
+        return placed and bool(test.paired or (shapes and shapes.coords.get("dof")))
+
+    tests = choose_experiments(posterior, experiment, can_be_drawn)
+    theta = samples(idata)[1].mean(axis=(0, 1))
+    each = [
+        _lay_out(posterior, test, theta, geometry, modes, structure) for test in tests
+    ]
+    sizes = {test.name: laid.size for test, laid in zip(tests, each, strict=True)}
+    figure, parts = stack_parts(sizes)
+    for part, laid in zip(parts, each, strict=True):
+        panels = add_panels(part, len(laid.numbers) + structure, laid.columns)
+        _draw_modes(panels, laid, structure)
+        below = BELOW | {"ncols": 4 if laid.columns == SHAPE_COLUMNS else 2}
+        handles = panels[0].get_legend_handles_labels()[0]
+        part.legend(handles=handles, **below | {"fontsize": 8})
+    figure.draw_without_rendering()  # the layout of such axes settles in two passes
+    return finish(figure, idata, tests[0].name if len(tests) == 1 else "")
+
+
+class Layout(NamedTuple):
+    """The modes of an experiment, and how they are drawn."""
+
+    geometry: Geometry
+    solved: ModeShapes
+    numbers: Sequence[int]
+    drawn: Sequence[Sequence[Moves]]
+    view: Floats
+    low: Floats
+    high: Floats
+    extent: float
+    columns: int
+    size: Size
+
+
+def _lay_out(
+    posterior: LogPosterior,
+    test: Experiment,
+    theta: Floats,
+    geometry: Geometry | None,
+    modes: int | Sequence[int] | None,
+    structure: bool,
+) -> Layout:
+    """Return what is drawn of an experiment at ``theta (d,)``, by one solve."""
     if geometry is None:
         geometry = read_declared(test.model, "geometry")
     if geometry is None:
@@ -103,36 +167,47 @@ def plot_shapes(
             "direction)}, or set model.geometry to one before PairedModel(model, ...)"
         )
     checks.instance("geometry", geometry, Geometry)
-    solved = solve_shapes(posterior, test, samples(idata)[1].mean(axis=(0, 1)))
+    solved = solve_shapes(posterior, test, theta)
     named = solved.pairing.hertz if solved.pairing else solved.frequencies
     numbers = checks.chosen_numbers("modes", modes, len(named))
     drawn = [_displace(solved, geometry, number - 1) for number in numbers]
     nodes = np.array([*geometry.nodes.values()])
-    view = _choose_view(nodes, [x for m in drawn for part in m for x in part.values()])
+    view = _choose_view(
+        nodes, [x for m in drawn for part in m[:3] for x in part.values()]
+    )
     low, high = (nodes @ view.T).min(axis=0), (nodes @ view.T).max(axis=0)
     size = float(np.linalg.norm(high - low)) or 1.0
     low, high = low - SHAPE_MARGIN * size, high + SHAPE_MARGIN * size
-    rows = -(-len(numbers) // SHAPE_COLUMNS)
-    columns = -(-len(numbers) // rows)
+    count = len(numbers) + structure
+    rows = -(-count // SHAPE_COLUMNS)
+    columns = -(-count // rows)
     slope = np.clip(np.divide(*(high - low)[::-1]), 0.3, 1.6)
     inches = max(SHAPE_PANEL * columns, 3.6), 0.6 + rows * (0.4 + SHAPE_PANEL * slope)
-    figure, panels = subplots(len(numbers), columns, inches)
+    box = low, high, size
+    return Layout(geometry, solved, numbers, drawn, view, *box, columns, inches)
+
+
+def _draw_modes(panels: list[Axes], laid: Layout, structure: bool) -> None:
+    """Draw each mode in its panel, after the structure if that is asked for."""
+    (geometry, solved, numbers, drawn, view, low, high, size, *_) = laid
+    for axes in panels:
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        axes.set(xticks=[], yticks=[], frame_on=False)
+    if structure:
+        sensors = solved.pairing.sensors if solved.pairing else ()
+        _draw_sensors(panels.pop(0), geometry, view, sensors, LARGEST_DRAWN * size)
     for axes, number, mode in zip(panels, numbers, drawn, strict=True):
-        largest = max(np.linalg.norm(move) for part in mode for move in part.values())
+        largest = max(np.linalg.norm(x) for part in mode[:3] for x in part.values())
         factor = LARGEST_DRAWN * size / max(float(largest), np.finfo(float).tiny)
         _draw_mode(axes, geometry, view, mode, factor)
         axes.set_title(_title(solved, number - 1), fontsize=9)
-        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-        axes.set(xticks=[], yticks=[], frame_on=False)
     _draw_directions(panels[0], view, low + 0.05 * size, 0.12 * size)
-    below = BELOW | {"ncols": 4 if columns == SHAPE_COLUMNS else 2, "fontsize": 8}
-    figure.legend(handles=panels[0].get_legend_handles_labels()[0], **below)
-    figure.draw_without_rendering()  # the layout of such axes settles in two passes
-    return finish(figure, idata, test.name)
 
 
 def _displace(modes: ModeShapes, geometry: Geometry, i: int) -> list[Moves]:
     """Return what moves in mode i: the structure; at the sensors, model and measured.
+
+    The last are the rotations of the structure, none where not all are known.
 
     Raises:
         ValueError: If the geometry does not know a sensor, or no DOF at all.
@@ -153,7 +228,8 @@ def _displace(modes: ModeShapes, geometry: Geometry, i: int) -> list[Moves]:
         dof
         for dof in values
         if geometry.locate(dof) is None
-        and not (is_rotation(dof) or dof in geometry.undrawn)  # these move no node
+        # These move no node.
+        and not (is_rotation(dof) or dof in geometry.undrawn or read_combination(dof))
     ]
     moves = _move_nodes(geometry, values)
     if not moves or {*unknown} & {*sensors}:
@@ -170,7 +246,39 @@ def _displace(modes: ModeShapes, geometry: Geometry, i: int) -> list[Moves]:
         _move_nodes(geometry, dict(zip(sensors, shape, strict=True)))
         for shape in (paired, measured)
     )
-    return [moves, predicted, tested]
+    turns = _turn_nodes(geometry, values) if known else {}
+    return [moves, predicted, tested, turns]
+
+
+def _turn_nodes(geometry: Geometry, values: Mapping[Hashable, float]) -> Moves:
+    """Return the rotations (3,) of nodes from those about the axes."""
+    turns: Moves = {node: np.zeros(3) for node in geometry.nodes}
+    by_text = {str(node): node for node in geometry.nodes}
+    turning = {dof: value for dof, value in values.items() if is_rotation(dof)}
+    for dof, value in turning.items():
+        node, _, axis = str(dof).rpartition(":")
+        turns[by_text[node]]["xyz".index(axis[-1])] += value
+    return turns if turning else {}
+
+
+def _bend(
+    geometry: Geometry, line: Sequence[Hashable], moves: Moves, turns: Moves
+) -> tuple[Floats, Floats]:
+    """Return points ``(k, 3)`` of a line at rest, and how each moves."""
+    first, last = line
+    ends = geometry.nodes[first], geometry.nodes[last]
+    s = np.linspace(0.0, 1.0, BENT_POINTS if turns else 2)[:, None]
+    along = ends[1] - ends[0]
+    straight = (1 - s) * moves[first] + s * moves[last]
+    if not turns:
+        return ends[0] + s * along, straight
+    # Cubics of Hermite across the element, whose ends turn with their nodes.
+    slopes = np.cross(turns[first], along), np.cross(turns[last], along)
+    cubic = (1 - 3 * s**2 + 2 * s**3) * moves[first] + s * (1 - s) ** 2 * slopes[0]
+    cubic += (3 * s**2 - 2 * s**3) * moves[last] - s**2 * (1 - s) * slopes[1]
+    axis = along / np.linalg.norm(along)
+    across = np.eye(3) - np.outer(axis, axis)
+    return ends[0] + s * along, straight + (cubic - straight) @ across
 
 
 def _move_nodes(geometry: Geometry, values: Mapping[Hashable, float]) -> Moves:
@@ -210,15 +318,16 @@ def _draw_mode(
     def place(node: Hashable, moves: Moves) -> Floats:
         return view @ (geometry.nodes[node] + factor * moves.get(node, np.zeros(3)))
 
-    structure, predicted, measured = mode
+    structure, predicted, measured, turns = mode
     rest: Style = {"colors": "0.75", "linewidths": 1.0, "label": "at rest"}
     lines = [[place(node, {}) for node in line] for line in geometry.lines]
     axes.add_collection(LineCollection(lines, **rest))
-    moved = [
-        [place(node, structure) for node in line]
+    bent = [
+        _bend(geometry, line, structure, turns)
         for line in geometry.lines
         if all(node in structure for node in line)
     ]
+    moved = [(points + factor * moves) @ view.T for points, moves in bent]
     if moved:
         style: Style = {"colors": BLUE, "linewidths": 1.6, "label": "updated model"}
         axes.add_collection(LineCollection(moved, **style))
@@ -232,6 +341,24 @@ def _draw_mode(
         axes.add_collection(LineCollection(ends, colors=RED, linewidths=1.2, zorder=3))
         x, y = np.transpose([end for _, end in ends])
         axes.plot(x, y, "o", color=RED, ms=3, zorder=3, label="measured")
+
+
+def _draw_sensors(
+    axes: Axes,
+    geometry: Geometry,
+    view: Floats,
+    sensors: Sequence[Hashable],
+    length: float,
+) -> None:
+    """Draw the structure at rest, and an arrow along each sensor."""
+    lines = [[view @ geometry.nodes[node] for node in line] for line in geometry.lines]
+    axes.add_collection(LineCollection(lines, colors="0.4", linewidths=1.4))
+    for place in filter(None, map(geometry.locate, sensors)):
+        (x, y), (dx, dy) = view @ geometry.nodes[place[0]], length * view @ place[1]
+        style: Style = {"arrowstyle": "-|>", "color": RED, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate("", (x + dx, y + dy), (x, y), arrowprops=style)
+    count = f", {len(sensors)} sensors" if sensors else ""
+    axes.set_title(f"the structure{count}", fontsize=9)
 
 
 def _title(modes: ModeShapes, i: int) -> str:
@@ -270,7 +397,8 @@ def plot_mac(
         idata: The result of :func:`run` or :func:`to_inference_data`.
         posterior: The sampled posterior, with a :class:`PairedModel`, if idata is an
             ArviZ object.
-        experiment: Name of one experiment of a joint posterior.
+        experiment: Name of one experiment of a joint posterior; None for all that pair
+            modes, below each other.
 
     Returns:
         The matplotlib Figure.
@@ -296,11 +424,34 @@ def plot_mac(
     """
     idata, posterior = read_samples(idata, posterior)
     posterior = checks.instance("posterior", posterior, LogPosterior)
-    test = choose_experiment(posterior, experiment)
+    tests = choose_experiments(posterior, experiment, lambda test: test.paired)
     means = {"after: at the posterior mean": samples(idata)[1].mean(axis=(0, 1))}
     if np.isfinite(posterior.initial).all():
         means = {"before: at the prior mean": prior_centre(posterior.prior)} | means
-    solved: dict[str, tuple[Floats, Pairing]] = {}
+    each = [_pair_at(posterior, test, means) for test in tests]
+    sizes, columns = {}, []
+    for test, solved in zip(tests, each, strict=True):
+        m, q = [pairing.mac.shape for _, pairing in solved.values()][-1]
+        columns.append(len(solved) if q <= FEW_MODES else 1)
+        down = len(solved) // columns[-1]
+        sizes[test.name] = max(7.0, 1.8 + COLUMN * q), 0.3 + down * (1.1 + ROW * m)
+    figure, parts = stack_parts(sizes)
+    for test, solved, part, across in zip(tests, each, parts, columns, strict=True):
+        mac = dataset(idata, "response")[test.full_name("mac")].values
+        ends = summarize(mac.reshape(-1, mac.shape[-1]))[1:]
+        panels = add_panels(part, len(solved), across)
+        for axes, (title, drawn) in zip(panels, solved.items(), strict=True):
+            _draw_matrix(axes, *drawn, ends if axes is panels[-1] else None)
+            axes.set_title(title, fontsize=10)
+        part.colorbar(axes.images[0], ax=panels, label="MAC (1: same shape)")
+    return finish(figure, idata, tests[0].name if len(tests) == 1 else "")
+
+
+def _pair_at(
+    posterior: LogPosterior, test: Experiment, means: Mapping[str, Floats]
+) -> dict[str, tuple[Floats, Pairing]]:
+    """Return frequencies and pairs of an experiment at each of some parameter sets."""
+    solved = {}
     for title, theta in means.items():
         modes = solve_shapes(posterior, test, theta)
         if modes.pairing is None:
@@ -308,19 +459,7 @@ def plot_mac(
                 "posterior: its model pairs no modes; wrap the model in a PairedModel"
             )
         solved[title] = modes.frequencies, modes.pairing
-    *_, (_, after) = solved.values()
-    mac = dataset(idata, "response")[test.full_name("mac")].values
-    ends = summarize(mac.reshape(-1, mac.shape[-1]))[1:]
-    m, q = after.mac.shape
-    across = len(solved) if q <= FEW_MODES else 1
-    down = len(solved) // across
-    size = max(7.0, 1.8 + COLUMN * q), 0.3 + down * (1.1 + ROW * m)
-    figure, panels = subplots(len(solved), across, size)
-    for axes, (title, drawn) in zip(panels, solved.items(), strict=True):
-        _draw_matrix(axes, *drawn, ends if drawn[1] is after else None)
-        axes.set_title(title, fontsize=10)
-    figure.colorbar(axes.images[0], ax=panels, label="MAC (1: same shape)")
-    return finish(figure, idata, test.name)
+    return solved
 
 
 def _draw_matrix(

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from math import ceil
+from typing import TypeAlias
 
 import numpy as np
 from matplotlib import ticker
@@ -12,13 +13,19 @@ from .. import checks
 from ..contracts import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..results.arviz_objects import InferenceData, dataset, samples
-from ..results.measured import Measured, measured_frequencies, measured_variables
+from ..results.measured import (
+    Measured,
+    find_experiments,
+    measured_frequencies,
+    measured_variables,
+)
 from ..results.tables import summarize
 from ..results.to_arviz import read_samples
 from .style import BELOW, BLUE, RED, Style, finish, subplots
 
 MOST_TICK_LABELS = 24  # below a panel
 FAR_PRIOR = 4.0  # prior deviations, in updated ones, that are drawn as arrows
+Curve: TypeAlias = tuple[Floats, Floats]  # generations, and errors there
 TAE_POINTS = 200  # generations at which the model is solved
 
 
@@ -203,7 +210,8 @@ def plot_tae(
         idata: The result of :func:`run`, without its burn-in, or what
             ``to_inference_data(run, discard=0)`` returns, with it.
         posterior: The sampled posterior, if idata is an ArviZ object.
-        experiment: Name of one experiment of a joint posterior.
+        experiment: Name of one experiment of a joint posterior; None for a curve of
+            each.
 
     Returns:
         The matplotlib Figure.
@@ -223,18 +231,39 @@ def plot_tae(
     """
     idata, posterior = read_samples(idata, posterior)
     posterior = checks.instance("posterior", posterior, LogPosterior)
-    curve = running_tae(idata, posterior, experiment)
+    names = [part.name for part in measured_variables(idata)]
+    tests = find_experiments(names, "frequency") if experiment is None else []
+    curves = running_errors(idata, posterior, tests or [experiment])
     figure, (axes,) = subplots(1, 1, (6.4, 4.0))
-    draw_errors(axes, [(*curve, {})])
+    draw_errors(axes, [(*curve, {"label": name}) for name, curve in curves.items()])
     axes.set_xlabel("generation")
-    axes.set_title(f"after the last generation: {curve[1][-1]:.3g} %", fontsize=10)
+    last = [f"{curve[1][-1]:.3g} %" for curve in curves.values()]
+    axes.set_title(f"after the last generation: {', '.join(last)}", fontsize=10)
+    if len(curves) > 1:
+        axes.legend(fontsize=9)
     return finish(figure, idata)
 
 
 def running_tae(
     idata: InferenceData, posterior: LogPosterior, experiment: str | None = None
-) -> tuple[Floats, Floats]:
-    r"""Return generations and the total average error of the mean so far, in percent.
+) -> Curve:
+    """Return generations and the total average error of the mean so far, in percent.
+
+    Args:
+        idata: What :func:`to_inference_data` returns.
+        posterior: The sampled posterior.
+        experiment: Name of one experiment of a joint posterior.
+
+    Raises:
+        ValueError: If no term of the posterior has measured frequencies.
+    """
+    return running_errors(idata, posterior, [experiment])[experiment]
+
+
+def running_errors(
+    idata: InferenceData, posterior: LogPosterior, experiments: Sequence[str | None]
+) -> dict[str | None, Curve]:
+    r"""Return the curve of :func:`running_tae` of each experiment, by the same solves.
 
     .. math:: TAE(i) = \frac{100}{N_m} \sum_j \frac{|f_j^m - f_j(\bar\theta_i)|}{f_j^m},
         \qquad \bar\theta_i = \frac{1}{i} \sum_{s \le i} \theta_s
@@ -245,23 +274,26 @@ def running_tae(
     Args:
         idata: What :func:`to_inference_data` returns.
         posterior: The sampled posterior.
-        experiment: Name of one experiment of a joint posterior.
+        experiments: Their names; None for a single one.
 
     Raises:
         ValueError: If no term of the posterior has measured frequencies.
 
     Source: the text below Table 4.2 of Sherri, Boulkaibet, Marwala and Friswell.
     """
-    frequency = measured_frequencies(idata, experiment)
-    measured = frequency.values
+    every = {name: measured_frequencies(idata, name) for name in experiments}
     by_generation = samples(idata)[1].mean(axis=0)  # (draws, d)
     n = len(by_generation)
     means = np.cumsum(by_generation, axis=0) / np.arange(1, n + 1)[:, None]
     where = np.unique(np.geomspace(1, n, TAE_POINTS).round().astype(int))
-    frequencies = posterior(means[where - 1])[:, posterior.columns[frequency.variable]]
+    rows = posterior(means[where - 1])
     group = dataset(idata, "posterior")
     steps = 1.0 + group.get("step", group["draw"]).values[where - 1]
-    return steps, 100 * np.abs(frequencies[:, : len(measured)] / measured - 1).mean(1)
+    curves: dict[str | None, Curve] = {}
+    for name, part in every.items():
+        found = rows[:, posterior.columns[part.variable]][:, : len(part.values)]
+        curves[name] = steps, 100 * np.abs(found / part.values - 1).mean(axis=1)
+    return curves
 
 
 def draw_errors(axes: Axes, curves: Sequence[tuple[Floats, Floats, Style]]) -> None:

@@ -10,10 +10,11 @@ import matplotlib
 import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 
 from .. import checks
 from ..contracts import Floats
+from ..digits import LEAST_PLAIN, MOST_PLAIN, choose_units
 from ..results.arviz_objects import (
     InferenceData,
     dataset,
@@ -23,6 +24,7 @@ from ..results.arviz_objects import (
     unit_of,
 )
 
+Size: TypeAlias = tuple[float, float]
 Style: TypeAlias = dict[str, Any]  # keyword arguments of matplotlib
 
 # Red for the result, blue for what it is compared with.
@@ -59,9 +61,10 @@ def scale_axes(
         truths: Values to mark by name.
 
     Returns:
-        Labels: names, with unit and the power of ten taken out of the axis. That power
-        ``(d,)``, by which what is drawn is divided. So divided, where the axes end
-        ``(d, 2)``, and values to mark ``(d,)``; NaN where there is none.
+        Labels: names, with unit and the power of ten taken out of the axis. The factor
+        ``(d,)`` by which what is drawn is divided: of the SI prefix, or that power. So
+        divided, where the axes end ``(d, 2)``, and values to mark ``(d,)``; NaN where
+        there is none.
     """
     there = [str(name) for name in dataset(idata, "posterior").data_vars]
     values = checks.numbers_by_name("truths", {} if truths is None else truths, there)
@@ -69,18 +72,22 @@ def scale_axes(
     marks = np.array([by_name.get(name, np.nan) for name in names])
     units = checks.units_by_name("units", units, there)
     sizes = np.abs(draws[0]).max(axis=0)
-    ordinary = (sizes >= 1e-2) & (sizes < 1e5)
-    exponents = np.where(ordinary, 0, np.floor(np.log10(sizes))).astype(int)
+    there = [units.get(name, unit_of(idata, name)) for name in names]
+    chosen = choose_units(there, sizes.tolist())
+    factors = np.array([factor for _, factor in chosen])
+    left = sizes / factors
+    ordinary = (left >= LEAST_PLAIN) & (left < MOST_PLAIN)
+    exponents = np.where(ordinary, 0, np.floor(np.log10(left))).astype(int)
     labels = [
-        label_axis(name, units.get(name, unit_of(idata, name)), exponent)
-        for name, exponent in zip(names, exponents, strict=True)
+        label_axis(name, unit, exponent)
+        for name, (unit, _), exponent in zip(names, chosen, exponents, strict=True)
     ]
     prior = prior_constants(idata, names)
     bounds = prior[["lower", "upper"]].to_array().values.T
     limits = np.array([axis_limits(part, bounds) for part in draws])
     low = np.fmin(limits[..., 0].min(axis=0), marks)
     high = np.fmax(limits[..., 1].max(axis=0), marks)
-    scale = 10.0**exponents
+    scale = factors * 10.0**exponents
     shown = np.column_stack([low, high]) / scale[:, None]
     return labels, scale, shown, marks / scale
 
@@ -125,10 +132,34 @@ def subplots(
         options: Of ``Figure.subplots``.
     """
     figure = plt.figure(figsize=size, layout="constrained")
+    return figure, add_panels(figure, count, columns, **options)
+
+
+def add_panels(
+    figure: FigureBase, count: int, columns: int, **options: Any
+) -> list[Axes]:
+    """Return panels of a figure, or of a part of one, row by row."""
     panels = figure.subplots(-(-count // columns), columns, squeeze=False, **options)
     for axes in panels.flat[count:]:
         axes.remove()
-    return figure, [*panels.flat[:count]]
+    return [*panels.flat[:count]]
+
+
+def stack_parts(sizes: Mapping[str, Size]) -> tuple[Figure, list[FigureBase]]:
+    """Return a figure, and parts of it below each other, one for each experiment.
+
+    Args:
+        sizes: Inches of each, by the name that stands above it; that of a single one
+            stands above the figure.
+    """
+    widths, heights = zip(*sizes.values(), strict=True)
+    figure = plt.figure(figsize=(max(widths), sum(heights)), layout="constrained")
+    if len(sizes) == 1:
+        return figure, [figure]
+    parts = figure.subfigures(len(sizes), 1, squeeze=False, height_ratios=heights)
+    for name, part in zip(sizes, parts.flat, strict=True):
+        part.suptitle(name, fontsize=10)
+    return figure, [*parts.flat]
 
 
 def finish(

@@ -11,7 +11,7 @@ from .. import checks
 from ..contracts import Floats, PairedSolution, Parameters, Response, Variable, read
 from ..measurements import Measurements
 from ..measurements.modes import compares, doubt_percent
-from ..models.paired import at_sensors
+from ..models.sensors import at_sensors
 from .residuals import MODE, SENSOR, ComparedShapes, Residuals
 from .term import MOST_RELATIVE, Deviations, Term, error_array, log_normal
 

@@ -43,6 +43,11 @@ SAME_SD = 1e-9  # relative, by which equal standard deviations may differ
 ERROR_PRIOR = "(0.001, 0.05)"
 MOST_RELATIVE = 0.5  # of a standard deviation; more is one in percent
 RESPONSE_STEP = 6e-6  # relative change of a response, where no solve adds noise
+# What a callable may declare, besides deviations and restore (contracts.py).
+DECLARED = (
+    *("names", "bounds", "reads", "observed", "error_sd"),
+    *("statement", "formula", "symbol"),
+)
 MODEL_ERROR = "σ<sub>d</sub>"  # as reports write the error that a discrepancy infers
 
 
@@ -235,10 +240,11 @@ class FunctionTerm(Term):
         self.function = function
         name = read_declared(function, "name") or getattr(function, "__name__", "")
         self.name = "" if name == "<lambda>" else str(name)  # netCDF takes no brackets
-        for attribute in ("names", "bounds", "reads", "observed"):
+        for attribute in DECLARED:
             if (declared := read_declared(function, attribute)) is not None:
                 setattr(self, attribute, declared)
         self._deviations = read_declared(function, "deviations")
+        self._restore = read_declared(function, "restore")
         self.gaussian = self._deviations is not None
         self.separate = self.gaussian and len(self.observed) == 1
 
@@ -251,6 +257,39 @@ class FunctionTerm(Term):
     ) -> Deviations | None:
         """Return the callable's deviations; None if it declares none."""
         return self._deviations(parameters, response) if self.gaussian else None
+
+    def restore(self, deviations: Floats) -> Floats | None:
+        """Return the callable's measurements; None if it declares no ``restore``."""
+        if self._restore is None:
+            return None
+        measured = np.asarray(self._restore(deviations))
+        for name, values in self.observed.items():
+            expected = len(deviations), *np.shape(values)
+            if measured.shape != expected:
+                raise ValueError(
+                    f"term {self.name}: restore(deviations) returned an array of "
+                    f"shape {measured.shape}, expected {expected}, those of {name!r}"
+                )
+        return measured
+
+    def replicate(
+        self, rng: np.random.Generator, parameters: Parameters, stored: Batch
+    ) -> Batch:
+        """Return a new measurement for each sample, if they can be drawn.
+
+        A callable whose deviations are the differences between the response and what
+        was measured needs no ``restore``.
+        """
+        if self._restore or not (self.separate and self._reads_only(stored)):
+            return super().replicate(rng, parameters, stored)
+        ((name, measured),) = self.observed.items()
+        u, (r, sd) = stored[name], self._deviations(parameters, stored)
+        there = u.shape == (len(r), *np.shape(measured)) and u.size == r.size
+        differences = (u - measured).reshape(len(r), -1) if there else np.nan
+        if not np.allclose(np.abs(r), np.abs(differences)):
+            return {}
+        noise = sd * rng.standard_normal(r.shape)
+        return {name: u + noise.reshape(u.shape)}
 
     def _parts(self, parameters: Parameters, response: Response) -> Floats:
         values = super()._parts(parameters, response)

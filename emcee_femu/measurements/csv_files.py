@@ -96,7 +96,8 @@ def read_csv(path: Path) -> Fields:
                 f"of shapes, a DOF only in rows 'shape', got {sensor!r} and {dof!r}"
             )
         if delimiter != ",":  # with decimal commas, perhaps
-            cells[3:] = [cell.replace(",", ".") for cell in cells[3:]]
+            cells[2:] = [cell.replace(",", ".") for cell in cells[2:]]
+            dof = cells[2]
         # A blank is what is not known, unless the file was cut there.
         open_end = row is rows[-1][1] and lines[-1][-1] not in "\r\n"
         cut = open_end or len(row) < len(titles)

@@ -2,7 +2,7 @@
 
 import re
 import warnings
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,9 +17,19 @@ COLLINEAR = 0.9  # below it a real shape is a poor picture of the mode
 LARGE_DAMPING = 0.2  # of structures, but for dampers; 0.2 is also a usual percentage
 LARGE_ERROR_PRIOR = 0.1  # a relative standard deviation that may be in percent
 SIGNED = re.compile(r"(.+:)([-+])(u?[xyz]|r[xyz])")  # a DOF such as "2:-ux"
+NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+# One term of a combination of DOFs, such as "- 0.5*2:uy" or "2:ux" before " - 1:ux".
+COMBINED = re.compile(
+    rf"\s*([-+]?)\s*(?:({NUMBER})\s*\*\s*)?(\S+?)"
+    rf"(?=\s+[-+]\s|\s*[-+]\s*{NUMBER}\s*\*|\s*$)"
+)
 ROTATION = re.compile(r".*:[-+]?r[xyz]")  # a DOF in radians, such as "3:ry"
 # Translations of a mode that only turns, by its rotations: what rounding leaves.
 NO_MOTION = 1e-9
+# What sensors measure: a MAC compares those of the first that moves in a mode.
+UNITS = TRANSLATION, TURN, STRAIN = range(3)
+BLIND = 1e-6  # a sum of factors, of their size, that printed digits leave of zero
+UNIT_LENGTH = 0.05  # how far the squares of cosines may be from 1, by printed digits
 OTHER_MODE = 0.5  # a shape with a smaller MAC with the mean belongs to another mode
 Shapes = NDArray[np.float64] | NDArray[np.complex128]
 Fields: TypeAlias = dict[str, Any]  # of Measurements, by the names of arguments
@@ -95,17 +105,23 @@ def warn_about_complex(mpc: Floats) -> None:
         )
 
 
-def refuse_duplicates(hertz: Floats, real: Floats) -> None:
-    """Refuse modes of the same frequency with a MAC near 1, identified twice.
+def find_duplicates(hertz: Floats, real: Floats) -> list[list[int]]:
+    """Return pairs of modes of the same frequency with a MAC near 1, identified twice.
 
     Not with a single sensor: symmetric structures have equal frequencies.
     """
     if len(real) < 2:
-        return
-    unit = real / np.linalg.norm(real, axis=0)
+        return []
+    unit = real / np.maximum(np.linalg.norm(real, axis=0), np.finfo(float).tiny)
     same = np.abs(hertz[:, None] - hertz) <= SAME_FREQUENCY * hertz
     same &= (unit.T @ unit) ** 2 > SAME_MAC
-    for i, j in np.argwhere(np.triu(same, 1)):
+    pairs: list[list[int]] = np.argwhere(np.triu(same, 1)).tolist()
+    return pairs
+
+
+def refuse_duplicates(hertz: Floats, real: Floats) -> None:
+    """Refuse modes that were identified twice."""
+    for i, j in find_duplicates(hertz, real):
         raise ValueError(
             f"frequencies: modes {i + 1} and {j + 1} are the same ({hertz[i]} and "
             f"{hertz[j]} Hz; their MAC is near 1); leave out one of them"
@@ -182,19 +198,70 @@ def dofs(value: ArrayLike | None, n_sensors: int) -> tuple[NDArray[Any] | None, 
     """
     if value is None:
         return None, np.ones(n_sensors)
-    places = np.array(np.asarray(value).tolist())  # strings of pandas too
+    given = np.asarray(value, dtype=object).tolist()
+    if isinstance(given, list):
+        given = [_label(each) for each in given]
+    places = np.array(given)
     labels = places.dtype.kind == "U"
     if places.dtype.kind not in "iU":
         raise TypeError(
             f"dofs: expected whole numbers, or labels such as '3:uy', got {value!r}"
         )
     checks.shaped("dofs", places.shape, (n_sensors,))
-    turned = [along_axis(place) for place in places.tolist()]
+    turned = [
+        along_axis(each) if read_combination(each) is None else (each, 1.0)
+        for each in places.tolist()
+    ]
     places = np.array([place for place, _ in turned])
     if len({*places.tolist()}) < n_sensors or (not labels and places.min() < 0):
         got = f"{places.tolist()}; average sensors at one DOF first"
         raise ValueError(f"dofs: expected distinct DOFs, numbers from 0, got {got}")
     return places, np.array([sign for _, sign in turned])
+
+
+def read_combination(label: object) -> dict[Hashable, float] | None:
+    """Return ``{DOF: factor}`` of a label such as ``"0.87*2:ux + 0.5*2:uy"``.
+
+    None for the label of a single DOF. In ``"2:ux - 1:ux"`` the factors are 1 and -1.
+    """
+    parts: dict[Hashable, float] = {}
+    end, text = 0, str(label).strip()
+    while end < len(text):
+        if (term := COMBINED.match(text, end)) is None or (end and not term[1]):
+            return None
+        dof, turned = along_axis(int(term[3]) if term[3].isdecimal() else term[3])
+        sign = -turned if term[1] == "-" else turned
+        parts[dof] = parts.get(dof, 0.0) + sign * float(term[2] or 1)
+        if term.end() == len(text) and end == 0 and term[2] is None:
+            return None
+        end = term.end()
+    return parts or None
+
+
+def write_combination(parts: Mapping[Hashable, float]) -> str:
+    """Return the label of ``{DOF: factor}`` that :func:`read_combination` reads."""
+    terms = [f"{float(factor)!r}*{dof}" for dof, factor in parts.items()]
+    return " + ".join(terms).replace("+ -", "- ")
+
+
+def unit_of(label: object) -> int:
+    """Return which unit a sensor measures in, by its label: one of UNITS.
+
+    A difference, which rigid motions leave at zero, is a strain or a curvature if its
+    factors have a length other than 1 at a node: one over the distance of two nodes.
+    """
+    parts = read_combination(label) or {label: 1.0}
+    moved = {dof: x for dof, x in parts.items() if not is_rotation(dof)}
+    unit = TRANSLATION if moved else TURN
+    along: dict[str, float] = {}
+    at: dict[str, float] = {}
+    for dof, factor in (moved or parts).items():
+        node, _, direction = str(dof).rpartition(":")
+        along[direction] = along.get(direction, 0.0) + factor
+        at[node] = at.get(node, 0.0) + factor**2
+    rigid = max(map(abs, along.values())) > BLIND * max(at.values()) ** 0.5
+    of_length_one = all(abs(square - 1) < UNIT_LENGTH for square in at.values())
+    return unit if "" in at or rigid or of_length_one else STRAIN
 
 
 def is_rotation(dof: object) -> bool:
@@ -206,14 +273,29 @@ def compares(shapes: Shapes, labels: Iterable[object]) -> NDArray[np.bool_]:
     """Return where a MAC compares shapes, ``(n_sensors, n_modes)``: at one unit each.
 
     A sum of squares of metres and radians would depend on the unit of length. Rotations
-    are therefore left out beside translations, unless a mode only turns.
+    are therefore left out beside translations, unless a mode only turns; and strains
+    beside either.
     """
-    turns = np.array([is_rotation(label) for label in labels], dtype=bool)
-    if turns.all() or not turns.any():
+    units = np.array([unit_of(label) for label in labels])
+    if len({*units.tolist()}) < 2:
         return np.ones(shapes.shape, dtype=bool)
     size = np.nan_to_num(np.abs(shapes))
-    still = size[~turns].max(axis=0) <= NO_MOTION * size[turns].max(axis=0)
-    return np.asarray(turns[:, None] == still)
+    largest = np.stack([(size * (units == unit)[:, None]).max(0) for unit in UNITS])
+    first = (largest > NO_MOTION * largest.max(axis=0)).argmax(axis=0)
+    return np.asarray(units[:, None] == first)
+
+
+def _label(dof: object) -> object:
+    """Return a DOF, or the label of a combination, however it was written."""
+    parts = dof if isinstance(dof, Mapping) else None
+    if isinstance(dof, str):
+        parts = read_combination(dof)
+    if parts is None:
+        return dof
+    factors = [checks.real_number("dofs", factor) for factor in parts.values()]
+    if not all(factors):
+        raise ValueError(f"dofs: expected factors other than 0, got {dof!r}")
+    return write_combination(parts)
 
 
 def frequency_scatter(value: ArrayLike, correlated: bool) -> Fields:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..contracts import Floats
+from ..digits import show
 from ..table import Parts, Report, Table
 from . import csv_files, modes, uff
 
@@ -45,7 +46,9 @@ class Measurements(Report):
             from 0, or labels such as ``"3:uy"`` for a :class:`FrameModel`. None if the
             rows of the model's shapes are the sensors, in order. For a sensor that
             points backwards, write ``"3:-uy"``: the sign of its row in ``shapes`` is
-            reversed, and ``dofs`` then holds ``"3:uy"``.
+            reversed, and ``dofs`` then holds ``"3:uy"``. A sensor that measures a
+            combination of DOFs is ``{"3:ux": 0.6, "3:uy": 0.8}``, or as a text, also in
+            a file, ``"0.6*3:ux + 0.8*3:uy"``; a difference is ``"3:ux - 2:ux"``.
         phase_collinearity: MPC of shapes that were complex before, ``(n_modes,)``; None
             to compute it.
         damping: Damping ratios, ``(n_modes,)``, 0.01 for 1 %; None if unknown, for all
@@ -76,8 +79,8 @@ class Measurements(Report):
         ----------------------------
         mode  f [Hz]  sd [Hz]    MPC
         ----------------------------
-        1        3.1     0.01  1.000
-        2        9.8     0.02  1.000
+        1      3.100    0.010  1.000
+        2      9.800    0.020  1.000
         ----------------------------
     """
 
@@ -381,12 +384,13 @@ class Measurements(Report):
         sd = self.sd
         if self.covariance is not None:
             sd = np.sqrt(np.diag(self.covariance))
+        its = np.full(self.n_modes, np.nan) if sd is None else sd
         percent = None if self.damping is None else 100 * self.damping
         its_sd = None if self.damping_sd is None else 100 * self.damping_sd
         columns = (
             ("mode", "d", [*range(1, self.n_modes + 1)]),
-            ("f [Hz]", ".6g", self.frequencies),
-            ("sd [Hz]", ".3g", sd),
+            ("f [Hz]", show(self.frequencies, its), self.frequencies),
+            ("sd [Hz]", show(its, its), sd),
             ("damping %", ".3g", percent),
             ("its sd %", ".2g", its_sd),
             ("MPC", ".3f", self.phase_collinearity),

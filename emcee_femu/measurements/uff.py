@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..contracts import Floats
-from .modes import Fields
+from .modes import Fields, find_duplicates, phases
 
 Path = str | PathLike[str]
 Indices: TypeAlias = NDArray[np.intp]
@@ -74,9 +74,20 @@ def read_uff(
             f"absent in some modes, NaN there, {absent}; pass sensors= to choose",
             stacklevel=3,
         )
+    shapes = np.array([rows[x] for x in kept])
+    known = np.nan_to_num(shapes)
+    twice = find_duplicates(hertz[order], (known * phases(known)).real)
+    if twice and known.any(axis=0).all():
+        again = [*{int(order[j]) for _, j in twice}]
+        others = [i + 1 for i in sorted(order.tolist()) if i not in again]
+        first, second = (int(order[i]) + 1 for i in twice[0])
+        raise ValueError(
+            f"{path}: its modes {first} and {second} are the same, of "
+            f"{hertz[second - 1]:g} Hz; read each once: modes={others}"
+        )
     return {
         "frequencies": hertz[order],
-        "shapes": np.array([rows[x] for x in kept]),
+        "shapes": shapes,
         "damping": _known([found[i].damping for i in order]),
         "sensors": kept,
     }

@@ -1,5 +1,6 @@
 """Any Python callable or external solver as a model, and a bare log-likelihood too."""
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -207,6 +208,16 @@ class DensityModel:
             raise TypeError(f"args: expected a tuple, as (data,), got {self.args!r}")
         checks.mapping("kwargs", self.kwargs, "{name: value}")
         checks.flag("vectorize", self.vectorize)
+        try:
+            inspect.signature(self.call).bind(np.nan, *self.args, **self.kwargs)
+        except TypeError as error:
+            raise TypeError(
+                f"{DENSITY}: it is called with one array, its parameters in the order "
+                f"of {[*self.names]}, then args and kwargs, as emcee does: {error}; "
+                "write lambda theta: f(*theta) for a function f of single numbers"
+            ) from None
+        except ValueError:  # a compiled function without a signature
+            pass
 
     def declare_blobs(self, points: Floats) -> Self:
         """Return the model with the blobs that it returns at a possible point.

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..contracts import Floats
+from ..measurements.modes import read_combination
 
 UNIT_AXES = {"ux": (1.0, 0.0, 0.0), "uy": (0.0, 1.0, 0.0), "uz": (0.0, 0.0, 1.0)}
 Node: TypeAlias = Hashable
@@ -93,14 +94,20 @@ class Geometry:
     def locate(self, dof: Hashable) -> tuple[Node, Floats] | None:
         """Return the node and the direction ``(3,)`` of a DOF; None if unknown.
 
-        Rotations, such as ``"3:rz"``, are unknown because they move no node.
+        Rotations, such as ``"3:rz"``, are unknown because they move no node, and so are
+        combinations of DOFs of several nodes.
         """
         if dof in self.sensors:
             return self.sensors[dof]
-        node, _, direction = str(dof).rpartition(":")
-        if node in self._by_text and direction in UNIT_AXES:
-            return self._by_text[node], np.array(UNIT_AXES[direction])
-        return None
+        nodes, along = set[str](), np.zeros(3)
+        for part, factor in (read_combination(dof) or {dof: 1.0}).items():
+            node, _, direction = str(part).rpartition(":")
+            if node not in self._by_text or direction not in UNIT_AXES:
+                return None
+            nodes.add(node)
+            along += factor * np.array(UNIT_AXES[direction])
+        # Not of unit length: what is measured is its product with the motion.
+        return (self._by_text[nodes.pop()], along) if len(nodes) == 1 else None
 
     def _check_nodes(self, label: str, nodes: Iterable[Node]) -> None:
         for node in nodes:

@@ -168,11 +168,18 @@ def warn_of_uncoupled(
     alone = there[len(K) :].any(axis=0) & ~coupled & ~there[by_itself].any(axis=0)
     if alone.any():
         rows = np.flatnonzero(alone).tolist()
-        first = [labels[row] for row in rows[:LISTED]] if labels else rows[:LISTED]
+        k, m = (
+            sum(A.diagonal() for A in part)
+            for part in (every[: len(K)], every[len(K) :])
+        )
+        hertz = np.sqrt(np.maximum(k[rows] / m[rows], 0.0)) / (2 * np.pi)
+        names = [str(labels[row]) if labels else str(row) for row in rows]
+        each = [f"{name} ({f:.4g} Hz)" for name, f in zip(names, hertz, strict=True)]
         more = f" and {len(rows) - LISTED} more" if len(rows) > LISTED else ""
         warnings.warn(
-            f"K0, K: rows {first}{more} are coupled to no other, so that each "
-            "is a mode by itself: held DOFs of an export? Leave their rows and columns "
-            "out of all matrices",
+            "K0, K: each of these rows is coupled to no other, and is a mode by itself "
+            f"(with parameters of 1): {', '.join(each[:LISTED])}{more}. If they are "
+            "held DOFs of an export, leave their rows and columns out of all matrices; "
+            "if they are fixed-base modes, as of a Craig-Bampton reduction, keep them",
             stacklevel=3,
         )

@@ -6,7 +6,7 @@ model's modes and cost no solve. The pairing is held fixed; everything else, inc
 the blending of close modes, is differentiated.
 """
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TypeAlias
 
@@ -32,7 +32,7 @@ from ..contracts import (
 )
 from ..measurements import Measurements
 from .inputs import derive_along
-from .sensors import propose
+from .sensors import at_sensors, match_rows, refuse_mixed_units
 
 Indices: TypeAlias = NDArray[np.intp]
 # What a model's jacobian, or its spread, is.
@@ -154,10 +154,11 @@ class PairedModel:
         groups = enumerate(sensors.T[:, :, None])
         self._alike = [(each, np.flatnonzero(of_mode == i)) for i, each in groups]
         declared = read_declared(model, "variables")
-        self._rows = _match_rows(declared, test, read_declared(model, "dofs"))
+        self._rows = match_rows(declared, test, read_declared(model, "dofs"))
         if declared is not None and "frequency" in declared:
             self._check_count(declared["frequency"].size)
         labels = [None] * len(self._shapes) if test.dofs is None else test.dofs.tolist()
+        refuse_mixed_units(model, test)
         self.variables = modal_variables(n_modes, labels)
         by_mode = Variable(self.variables["frequency"].coords)
         self.variables |= dict.fromkeys(("mac", "model_mode", "unpaired"), by_mode)
@@ -320,7 +321,7 @@ class PairedModel:
         shapes = shapes[..., : self.candidates]
         if self._rows is None:
             return at_sensors(shapes, self.measurements.dofs, len(self._shapes))
-        return shapes[..., self._rows, :]
+        return self._rows.of(shapes)
 
 
 def _solve_reference(
@@ -352,70 +353,6 @@ def _solve_reference(
     labels = None if declared is None else declared["shapes"].coords.get("dof")
     shapes = shapes[:, : len(frequencies)]
     return Measurements(frequencies, sd=sd, shapes=shapes, dofs=labels)
-
-
-def _match_rows(
-    variables: Mapping[str, Variable] | None,
-    measurements: Measurements,
-    dofs: Sequence[Hashable] | None,
-) -> Indices | None:
-    """Return the model rows that correspond to the sensors; None if unknown."""
-    if variables is None:
-        return None
-    if "shapes" not in variables:
-        raise ValueError(
-            "model: it returns no mode shapes, which pairing needs; ask for them "
-            "(shapes=True)"
-        )
-    labels = variables["shapes"].coords.get("dof")
-    if labels is None or measurements.dofs is None:
-        return None
-    places = {dof: i for i, dof in enumerate(labels)}
-    sensors = measurements.dofs.tolist()
-    if missing := [dof for dof in sensors if dof not in places]:
-        known = [dof for dof in missing if dof in (dofs or ())]
-        if known or not dofs:
-            cure = f", only at {[*places][:8]}; ask it for shapes={sensors}"
-        else:
-            cure = propose(missing[0], dofs)
-        raise ValueError(
-            f"dofs: the measurements have sensors at {missing}, but the model has no "
-            f"shapes there{cure}"
-        )
-    return np.array([places[dof] for dof in sensors])
-
-
-def at_sensors(shapes: Floats, dofs: Indices | None, n_sensors: int) -> Floats:
-    """Return the rows of a model's shapes at the sensors, in the sensors' order.
-
-    Args:
-        shapes: ``(..., n_rows, n_modes)``, at all DOFs of the model or at the sensors.
-        dofs: The sensors' rows among all DOFs; None if rows and sensors correspond.
-        n_sensors: The number of sensors.
-
-    Raises:
-        ValueError: If the rows are ambiguous: there are too few, or dofs reorders as
-            many rows as there are sensors.
-    """
-    n_rows = shapes.shape[-2]
-    numbers = None if dofs is None or dofs.dtype.kind == "U" else dofs
-    if n_rows == n_sensors:
-        order = [] if numbers is None else numbers.tolist()
-        if sorted(order) == [*range(n_rows)] != order:
-            raise ValueError(
-                f"dofs: {n_rows} sensors at all {n_rows} rows of the model's shapes, "
-                f"in another order ({order}): are the rows DOFs, or sensors already? "
-                "List the sensors in the order of the DOFs"
-            )
-        return shapes
-    if numbers is None or numbers.max() >= n_rows:
-        labels = "None" if dofs is None else str(dofs.tolist())
-        remedy = "; give Measurements(dofs=[...])" if dofs is None else ""
-        raise ValueError(
-            f"dofs: expected the rows of {n_sensors} sensors among the {n_rows} of the "
-            f"model's shapes, got {labels}{remedy}"
-        )
-    return shapes[..., numbers, :]
 
 
 def _scale(shapes: Floats, sensors: NDArray[np.bool_]) -> Floats:

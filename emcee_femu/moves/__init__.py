@@ -7,6 +7,7 @@ from .demc import DEMCMove as DEMCMove
 from .demc import MetropolisMove as MetropolisMove
 from .hamiltonian import HamiltonianMove as HamiltonianMove
 from .independence import IndependenceMove as IndependenceMove
+from .proposing import ProposingMove as ProposingMove
 
 if TYPE_CHECKING:
     from ..extensions.tempering import TemperedMove as TemperedMove

@@ -1,7 +1,6 @@
 """The paper's two proposals: differential evolution (DE-MC), and its baseline."""
 
 import math
-from collections.abc import Iterator
 from typing import Self
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..contracts import Floats
-from .proposing import Indices, Part, Proposal, ProposingMove
+from .proposing import Indices, Proposal, ProposingMove
 
 DEFAULT_NOISE = 1e-2  # of the standard deviation of the walkers at rest
 
@@ -110,21 +109,6 @@ class DEMCMove(ProposingMove):
             )
         if self.sigma is not None:
             checks.shaped("sigma", self.sigma.shape, (), (ndim,))
-
-    def parts(self, coords: Floats, random: RandomState) -> Iterator[Part]:
-        """Yield the walkers of each part, and the proposal guided by those at rest."""
-        nwalkers = len(coords)
-        if self.randomize_split:
-            order = random.random_sample(nwalkers).argsort()
-        else:
-            order = np.argsort(np.arange(nwalkers) % self.nsplits, kind="stable")
-        ring = np.concatenate((order, order))
-        size, larger = divmod(nwalkers, self.nsplits)
-        end = 0
-        for split in range(self.nsplits):
-            start, end = end, end + size + (split < larger)
-            guides = [coords.take(ring[end : start + nwalkers], axis=0)]
-            yield order[start:end], self._guided(guides, random)
 
     def get_proposal(self, s: Floats, c: list[Floats], random: RandomState) -> Proposal:
         """Propose for walkers ``s (k, ndim)`` with guides ``c[0]`` (emcee's interface).

@@ -35,11 +35,33 @@ Batch: TypeAlias = tuple[Indices, Floats, Floats | None]
 
 
 class ProposingMove(Move):
-    """A move of walkers that propose on their own.
+    """The base class of moves that only propose: parts of the ensemble move in turn.
 
     A subclass implements ``get_proposal``, and ``check`` if it cannot move every
-    ensemble.
+    ensemble. Delayed acceptance, tempering and :func:`compare_moves` take such a move
+    as they take those of this package.
+
+    Attributes:
+        nsplits: Number of parts of the ensemble that move in turn, guided by those at
+            rest, 2 in emcee's ``RedBlueMove``; 1 if walkers propose on their own.
+        randomize_split: Whether the parts are drawn anew in every step.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> class CentreMove(ef.moves.ProposingMove):
+        ...     "Reflect a walker in the mean of those at rest."
+        ...     nsplits = 2
+        ...     def get_proposal(self, s, c, random):
+        ...         return 2 * c[0].mean(axis=0) - s, None
+        >>> moves = [(CentreMove(), 0.2), (ef.DEMCMove(), 0.8)]
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> (run,) = ef.run(posterior, moves, 20, 50, seed=1, ensembles=1)
+        >>> run.get_chain().shape
+        (50, 20, 5)
     """
+
+    nsplits: int = 1
+    randomize_split: bool = True
 
     def __repr__(self) -> str:
         """Return the call that makes an equal move."""
@@ -69,9 +91,23 @@ class ProposingMove(Move):
         """Yield walkers that move at once, and the function that proposes for them.
 
         It takes their positions ``(k, ndim)`` and may be called any number of times:
-        all other walkers stand still.
+        all other walkers, its guides, stand still.
         """
-        yield np.arange(len(coords)), self._guided([], random)
+        nwalkers = len(coords)
+        if self.nsplits == 1:
+            yield np.arange(nwalkers), self._guided([], random)
+            return
+        if self.randomize_split:
+            order = random.random_sample(nwalkers).argsort()
+        else:
+            order = np.argsort(np.arange(nwalkers) % self.nsplits, kind="stable")
+        ring = np.concatenate((order, order))
+        size, larger = divmod(nwalkers, self.nsplits)
+        end = 0
+        for split in range(self.nsplits):
+            start, end = end, end + size + (split < larger)
+            guides = [coords.take(ring[end : start + nwalkers], axis=0)]
+            yield order[start:end], self._guided(guides, random)
 
     def _guided(self, guides: list[Floats], random: RandomState) -> Propose:
         """Return the proposal with these guides; emcee's contract is positional."""
@@ -131,7 +167,7 @@ def ladder_of(moves: Iterable[Move]) -> Floats:
     return first
 
 
-def find_stock_fault(move: Move, ndim: int) -> str:
+def find_stock_fault(move: Move) -> str:
     """Return what is wrong with a move of emcee 3.1.6 itself, or an empty string.
 
     Source: emcee's pull requests 571 (GaussianMove) and 531 (DESnookerMove).

@@ -17,6 +17,7 @@ from ..contracts import (
     Parameters,
     Response,
     SolveError,
+    Stored,
     add_place,
     gather_tangents,
     read,
@@ -86,6 +87,10 @@ class Experiment:
     def full_name(self, name: str) -> str:
         """Return a name with that of the experiment before it."""
         return f"{self.name}.{name}" if self.name else name
+
+    def stored(self, values: Mapping[str, Floats]) -> Stored:
+        """Return its own of the stored variables ``{full name: values}``."""
+        return Stored({name: values[self.full_name(name)] for name in self.variables})
 
     def solve(
         self, parameters: Parameters, names: Sequence[str], derivatives: bool = False

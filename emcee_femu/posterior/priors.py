@@ -205,6 +205,11 @@ class _Cut:
         draws = self._quantile(self._start + (self._stop - self._start) * share)
         return np.asarray(np.clip(draws, self.low, self.high))
 
+    def mean(self) -> float:
+        shares = (np.arange(MOMENT_DRAWS) + 0.5) / MOMENT_DRAWS
+        shares = self._start + (self._stop - self._start) * shares
+        return float(self._quantile(shares).mean())
+
     def support(self) -> tuple[float, float]:
         return self.low, self.high
 
@@ -247,10 +252,18 @@ def prior_scale(prior: Prior) -> Floats:
 
 
 def prior_centre(prior: Prior) -> Floats:
-    """Return the parameters before updating: a Gaussian's mean before truncation."""
+    """Return the parameters before updating: a Gaussian's mean before truncation.
+
+    Means are exact where a marginal knows its own, as those of scipy.stats do.
+    """
     if isinstance(prior, GaussianPrior):
         return prior.mean
-    return summarize_prior(prior)[0]
+    centre = summarize_prior(prior)[0]
+    marginals = prior.marginals if isinstance(prior, KnownPrior) else {}
+    for i, marginal in enumerate(marginals.values()):
+        if hasattr(marginal, "mean") and np.isfinite(mean := marginal.mean()):
+            centre[i] = mean
+    return centre
 
 
 def list_laws(prior: Prior) -> list[str]:

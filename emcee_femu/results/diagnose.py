@@ -1,6 +1,7 @@
 """Judge a run: autocorrelation time, ESS, R-hat, acceptance, and three statements."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -26,6 +27,9 @@ from .fit import read_records
 from .fit_statement import judge_fit
 from .to_arviz import FIT, to_inference_data
 
+# Further statements by title, of functions of samples with their response: see
+# CONTRIBUTING.md.
+FURTHER: dict[str, Callable[[InferenceData], Statement]] = {}
 # Weights are equal within two standard errors, if these are so small.
 EQUAL_WITHIN, ERROR_OF_EQUAL = 2.0, 0.02
 
@@ -99,7 +103,10 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
     idata, records = _read(source, chains)
     fit = judge_fit(idata, records, chains)
     data = records or ()
-    return replace(diagnosis, chains=about, search=search, fit=fit, data=data)
+    judges = FURTHER if idata is not None else {}
+    further = {title: judge(idata) for title, judge in judges.items()}
+    diagnosis = replace(diagnosis, data=data, further=further)
+    return replace(diagnosis, chains=about, search=search, fit=fit)
 
 
 def judge_search(maxima: MaximaWeights | None, cures: Cures) -> Statement:
@@ -112,11 +119,11 @@ def judge_search(maxima: MaximaWeights | None, cures: Cures) -> Statement:
     short = "one maximum" if count == 1 else f"{count} maxima"
     climbs, from_prior = maxima.climbs
     few = from_prior // HITS
-    reached = f", and at which fewer than one climb in {few:,} ends," if few else ""
+    reached = f" and 1 in {few:,} climbs" if few else ""
     sentence = (
-        f"{short}, by {maxima.searched:,} points and {climbs:,} climbs. A maximum so "
-        f"small that fewer than one point in {maxima.searched // HITS:,} falls near it"
-        f"{reached} may be missing."
+        f"{short}, by {maxima.searched:,} points and {climbs:,} climbs. Only a maximum "
+        f"that attracts fewer than 1 in {maxima.searched // HITS:,} points{reached} "
+        "could have been missed."
     )
     if count > 1:
         sentence += (
@@ -147,8 +154,8 @@ def judge_without_chains(
     if chains.kind == "population":
         words = "an annealed population; anneal with other seeds and compare"
         found = (
-            f"{chains.origin}. A maximum so small that fewer than one draw of the "
-            f"prior in {len(chains.draws) // HITS:,} falls near it may be missing."
+            f"{chains.origin}. Only a maximum that attracts fewer than 1 in "
+            f"{len(chains.draws) // HITS:,} draws of the prior could have been missed."
         )
         search = Statement(SEARCHED, SEARCHED, found)
     else:

@@ -53,6 +53,7 @@ MATTERS = 1.2
 # Chance of a share of a term's chi^2; larger ones say nothing of where data are off.
 NOTABLE = 0.05
 NO_CHI2 = 1e-12
+NO_RESIDUALS = "it has no deviations, and so does not say what was measured"
 
 WORDS = {"dof": SENSOR}  # for dimensions
 
@@ -103,7 +104,7 @@ def judge_data(
         found += find_suspects(posterior, theta[rows[:, 0].argmax()], found)
     whole = posterior.unfold(rows[order])
     for experiment in posterior.experiments:
-        stored, before = (_own(experiment, all_of) for all_of in (whole, start[1]))
+        stored, before = (experiment.stored(all_of) for all_of in (whole, start[1]))
         found = judge_modes(experiment, stored, before, found)
         found += find_skipped(experiment, stored, before, found)
     return tuple(found)
@@ -122,11 +123,6 @@ def _is_stored(experiment: Experiment, term: Term) -> bool:
     return term.reads is not None and {*term.reads} <= {*experiment.variables}
 
 
-def _own(experiment: Experiment, values: Batch) -> Batch:
-    """Return the stored variables of an experiment by their own names."""
-    return {name: values[experiment.full_name(name)] for name in experiment.variables}
-
-
 def _judge_experiment(
     posterior: LogPosterior,
     experiment: Experiment,
@@ -143,7 +139,7 @@ def _judge_experiment(
         few: The samples that may be solved.
         start: The prior mean ``(1, d)``, and all stored variables there.
     """
-    stored, initial = ((at, _own(experiment, held)) for at, held in (some, start))
+    stored, initial = ((at, experiment.stored(held)) for at, held in (some, start))
     sums = list[_Sum]()
     for term, name in zip(experiment.terms, experiment.term_names, strict=True):
         record = FitRecord(
@@ -196,12 +192,12 @@ def _find_residuals(
         drawn = term.replicate(
             np.random.default_rng(0), posterior.parameters(theta), held
         )
-        return "" if drawn else "it has no deviations"
+        return "" if drawn else NO_RESIDUALS
     if not _is_stored(experiment, term):
         theta, held = few, posterior.answer(few, experiment)
     residuals = term.residuals(posterior.parameters(theta), held)
     if residuals is None:
-        return "it has no deviations"
+        return NO_RESIDUALS
     if not np.isfinite(residuals.independent).all():
         return "its deviations are not finite"
     return residuals

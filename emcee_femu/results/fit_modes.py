@@ -113,11 +113,11 @@ def find_suspects(
     posterior: LogPosterior, best: Floats, found: Sequence[FitRecord]
 ) -> Iterator[FitRecord]:
     """Yield sensors that explain shapes which do not fit; ``best`` is a sample."""
+    shaped = {(r.experiment, r.term) for r in found if np.isfinite(r.mac)}
     off = {
-        record.experiment
-        for record in found
-        if record.status == MISFIT
-        and (np.isfinite(record.mac) or record.kind == SENSOR)
+        r.experiment
+        for r in found
+        if r.status == MISFIT and (r.kind == SENSOR or (r.experiment, r.term) in shaped)
     }
     if not off:
         return

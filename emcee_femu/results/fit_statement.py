@@ -84,14 +84,17 @@ def judge_fit(
     """
     parts = [] if idata is None else read_measured(idata)
     drawn = [part for part in parts if part.replicated is not None]
-    silent = [OLD] if records is None else [*_name_silent(records)]
+    known = idata is not None and "constant_data" in idata
+    unknown = [OLD] if known and records is None else []
     records = records or ()
+    not_judged = _name_silent(records)
+    silent = [*unknown, *(f"Not judged: {names}." for names in not_judged)]
     judged = [record for record in records if record.status != NOT_JUDGED]
     recalled = [f"Before the run: {text.rstrip('.?')}?" for text in chains.doubts]
     if not drawn and not judged:
-        known = idata is not None and "constant_data" in idata
         reason = (NOT_DRAWN if parts else NO_DATA) if known else NOT_KNOWN
-        sentence = " ".join([f"{NOT_CHECKED}: {reason}.", *silent, *recalled])
+        because = f"{NOT_CHECKED}: {''.join(not_judged) or reason}."
+        sentence = " ".join([because, *unknown, *recalled])
         return Statement(NOT_CHECKED, NOT_CHECKED, sentence)
     about, new = describe_samples(idata, fitted=False), _compare_replicates(drawn)
     missed = [*about.surprising, *new.far]
@@ -157,12 +160,11 @@ def _count(new: _Replicates) -> Iterator[str]:
     yield from new.far.values()
 
 
-def _name_silent(records: Sequence[FitRecord]) -> Iterator[str]:
-    """Name terms that say nothing of the fit, with the reason."""
+def _name_silent(records: Sequence[FitRecord]) -> list[str]:
+    """Name terms that say nothing of the fit, in one string, with the reasons."""
     silent = [record for record in records if record.status == NOT_JUDGED]
-    if silent:
-        words = [f"{_full_name(record)} ({record.reason})" for record in silent]
-        yield f"Not judged: {', '.join(words)}."
+    words = [f"{_full_name(record)} ({record.reason})" for record in silent]
+    return [", ".join(words)] if words else []
 
 
 def _full_name(record: FitRecord) -> str:

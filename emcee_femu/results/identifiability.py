@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 from scipy.stats import skew
 
 from ..contracts import Floats
+from ..digits import show
 from ..posterior.derivatives import place
 from ..posterior.priors import summarize_prior
 from ..search.find_map import FoundMap
 from ..search.quadratic import draw_inside, moments_inside
-from ..table import Parts, Report, Table
+from ..table import Column, Parts, Report, Table
 from .arviz_objects import (
     InferenceData,
     dataset,
@@ -38,6 +39,7 @@ PARTS = 10  # of equal shares of the samples, whose widths tell their densities
 AT_THE_HIGHEST = 0.75
 PREFERRED = 2.0  # times the density of the prior there, which the data alone explain
 GOOD_FIT = 0.98  # R^2 below which gradients were off by 10 % and more (H structure)
+SMALL_EFFECT = 0.1  # effects and percentages are printed to two digits of this
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -229,6 +231,7 @@ class Identifiability(Report):
         strongest = (np.abs(self.correlation) - 2 * np.eye(d)).argmax(axis=1)
         partners = [self.names[j] if d > 1 else "" for j in strongest]
         pairs = self.correlation[np.arange(d), strongest]
+        effect = show(self.effect, np.fmax(self.effect, SMALL_EFFECT))
         return Table.from_columns(
             "What the data say",
             [
@@ -238,7 +241,7 @@ class Identifiability(Report):
                 ("with", "", partners),
                 ("correlation", "+.2f", np.where(d > 1, pairs, np.nan)),
                 ("at a bound %", ".1f", 100 * self.at_bound.max(axis=1)),
-                ("effect/error", ".3g", self.effect),
+                ("effect/error", effect, self.effect),
             ],
         )
 
@@ -250,7 +253,8 @@ class Identifiability(Report):
         if not self.local:  # then nothing was fitted
             labels, percent = [*labels, "R^2"], np.c_[percent, self.r_squared]
         rows = zip(self.modes, percent, strict=True)
-        columns = [("parameter", "", labels), *((m, ".3g", row) for m, row in rows)]
+        columns: list[Column] = [("parameter", "", labels)]
+        columns += [(mode, show(row, SMALL_EFFECT), row) for mode, row in rows]
         title = "Sensitivity of the eigenvalues: % per prior standard deviation"
         return Table.from_columns(title, columns)
 

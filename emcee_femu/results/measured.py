@@ -4,7 +4,7 @@ How they change with the parameters, by fits to samples; and the mode shapes of 
 at one parameter set, paired with the measured ones.
 """
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple, TypeAlias
@@ -128,6 +128,14 @@ def measured_frequencies(
     return by_name[name]
 
 
+def find_experiments(names: Iterable[object], quantity: str) -> list[str]:
+    """Return the experiments that have a quantity, by names such as "a.frequency"."""
+    parts = (str(name).rpartition(".") for name in names)
+    return [
+        experiment for experiment, _, last in parts if experiment and last == quantity
+    ]
+
+
 def read_measured(idata: InferenceData) -> list[Measured]:
     """Return every measured variable that the response holds; there may be none."""
     held: dict[str, Dataset] = {
@@ -214,7 +222,7 @@ def gather_by_terms(
         label = experiment.full_name(name)
         if only not in (None, label):
             continue
-        stored = {v: response[experiment.full_name(v)] for v in experiment.variables}
+        stored = experiment.stored(response)
         likelihood[label] = Labelled(rows[..., column], ONE_NUMBER)
         for variable, values in term.pointwise(parameters, stored).items():
             likelihood[label] = _label(experiment, term, variable, values, *lead)
@@ -401,12 +409,15 @@ class ModeShapes:
     pairing: Pairing | None = None
 
 
-def choose_experiment(posterior: LogPosterior, name: str | None) -> Experiment:
-    """Return an experiment by its name, which is needed if there are several."""
-    names = [experiment.name for experiment in posterior.experiments]
-    if name is None and len(names) == 1:
-        return posterior.experiments[0]
-    return posterior.experiments[names.index(checks.one_of("experiment", name, names))]
+def choose_experiments(
+    posterior: LogPosterior, name: str | None, suits: Callable[[Experiment], object]
+) -> list[Experiment]:
+    """Return the experiment of a name; without one all that suit, or else the first."""
+    tests = [*posterior.experiments]
+    if name is None:
+        return [test for test in tests if suits(test)] or tests[:1]
+    names = [test.name for test in tests]
+    return [tests[names.index(checks.one_of("experiment", name, names))]]
 
 
 def solve_shapes(

@@ -1,7 +1,6 @@
 """Tables of parameters, frequencies, other predictions and paired modes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,8 +8,9 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..contracts import Floats
+from ..digits import show
 from ..posterior.log_posterior import LogPosterior
-from ..table import Column, Table, unit_column
+from ..table import Column, Table, number_columns
 from .arviz_objects import (
     dataset,
     describe_certificate,
@@ -19,13 +19,20 @@ from .arviz_objects import (
     unit_of,
 )
 from .identifiability import describe_samples
-from .measured import INTERVAL, Measured, measured_frequencies, measured_variables
+from .measured import (
+    INTERVAL,
+    Measured,
+    find_experiments,
+    measured_frequencies,
+    measured_variables,
+)
 from .to_arviz import read_samples
 
 OF_PRIOR = "prior mean", "error %", "sd/prior sd"  # columns
 # Of a Gaussian 8 % of the samples lie within a tenth of an sd of the mean.
 NEAR_MEAN, FEW_NEAR = 0.1, 0.01
 OF_TRUTH = "true", "error %", "error % "
+INTERVAL_WIDTH = 3.92  # of a Gaussian's 95 % interval, in standard deviations
 LOW_MAC = 0.5  # the default of PairedModel, below which a pair does not mean much
 
 
@@ -36,7 +43,6 @@ def parameter_table(
     var_names: Sequence[str] | None = None,
     *,
     before: Mapping[str, float] | None = None,
-    nominal: None = None,
 ) -> Table:
     """Tabulate the updated parameters, as in Tables 4.1 and 5.1 of the paper.
 
@@ -57,14 +63,13 @@ def parameter_table(
             None for the sampled parameters.
         before: Parameters of the model before updating, by name, in place of the prior
             mean: an engineer's nominal values.
-        nominal: Refused: it meant the true values up to version 0.4.
 
     Returns:
         The table, one row per parameter.
 
     Raises:
-        TypeError: If idata holds no samples, true, before or published is not such a
-            mapping, or nominal is given.
+        TypeError: If idata holds no samples, or true, before or published is not such a
+            mapping.
         ValueError: If true, before, a published column or var_names names an unknown
             parameter.
 
@@ -77,11 +82,6 @@ def parameter_table(
         >>> [round(mean / 1e3) for mean in table.column("mean")[:3]]  # N/mm
         [4, 2, 2]
     """
-    if nominal is not None:
-        raise TypeError(
-            "nominal: no longer an argument; give true= for known true values, before= "
-            "for the model before updating"
-        )
     idata, _ = read_samples(idata)
     names, chains = samples(idata, var_names)
     draws = chains.reshape(-1, len(names))
@@ -98,26 +98,42 @@ def parameter_table(
     if before is not None:
         start, initial = "before", checks.numbers_by_name("before", before, names)
     truth = checks.numbers_by_name("true", {} if true is None else true, names)
+    further = [
+        (title, checks.numbers_by_name(f"published[{title!r}]", values, names), sd)
+        for title, values in _columns(published)
+    ]
+    unit, numbers = number_columns(
+        units,
+        [
+            ("true", truth, sd),
+            (start, initial, prior["prior_sd"].values),
+            ("mean", mean, sd),
+            ("2.5 %", low, sd),
+            ("97.5 %", high, sd),
+            *further,
+        ],
+    )
+    of_truth, of_start, of_mean, of_low, of_high, *others = numbers
+    percent = 100 * sd / np.abs(mean)
+    before_off, off = _percent_off(initial, truth), _percent_off(mean, truth)
+    known_sign = np.where(low * high > 0, percent, np.nan)  # else it tells nothing
     columns: list[Column] = [
         ("parameter", "", names),
-        *unit_column(units),
-        ("true", ".5g", truth),
-        (start, ".5g", initial),
-        ("error %", ".2f", _percent_off(initial, truth)),
-        ("mean", ".5g", mean),
-        ("error % ", ".2f", _percent_off(mean, truth)),
-        ("2.5 %", ".5g", low),
-        ("97.5 %", ".5g", high),
-        ("c.o.v. %", ".2f", 100 * sd / np.abs(mean)),
+        *unit,
+        of_truth,
+        of_start,
+        ("error %", show(before_off, percent), before_off),
+        of_mean,
+        ("error % ", show(off, percent), off),
+        of_low,
+        of_high,
+        ("c.o.v. %", show(known_sign, known_sign), known_sign),
         ("sd/prior sd", ".2f", ratio),
     ]
     unknown = {*OF_TRUTH} if true is None else set[str]()
     if not known.any():
         unknown |= {*OF_PRIOR}
-    columns = [c for c in columns if c[0] not in unknown]
-    for title, values in _columns(published):
-        column = checks.numbers_by_name(f"published[{title!r}]", values, names)
-        columns.append((title, ".5g", column))
+    columns = [c for c in columns if c[0] not in unknown] + others
     title = f"Updating parameters{describe_certificate(idata)}"
     near = (np.abs(draws - mean) < NEAR_MEAN * sd).mean(axis=0)
     # Constant samples, of which none is nearer than 0, are no clouds.
@@ -148,7 +164,8 @@ def frequency_table(
         posterior: The sampled posterior, for the frequencies at the mean of the
             parameters; None to leave them out.
         published: Further columns, ``{title: one number per measured mode}``.
-        experiment: Name of one experiment of a joint posterior.
+        experiment: Name of one experiment of a joint posterior; None for all of them,
+            below each other.
 
     Returns:
         The table, one row per measured mode.
@@ -157,7 +174,8 @@ def frequency_table(
         TypeError: If published is not such a mapping, or posterior is not a
             LogPosterior.
         ValueError: If there are no measured frequencies, a published column has
-            another length, or posterior has other parameters.
+            another length or belongs to no experiment, or posterior has other
+            parameters.
 
     Examples:
         >>> import emcee_femu as ef
@@ -170,36 +188,49 @@ def frequency_table(
     """
     asked = posterior is not None
     idata, posterior = read_samples(idata, posterior)
+    tests = find_experiments((m.name for m in measured_variables(idata)), "frequency")
+    if experiment is None and tests:
+        if published is not None:
+            raise ValueError(f"published: name one experiment of {tests} with it")
+        given = posterior if asked else None
+        tables = {name: frequency_table(idata, given, None, name) for name in tests}
+        title = f"Natural frequencies{describe_certificate(idata)}"
+        return Table.stack(title, tables)
     frequency = measured_frequencies(idata, experiment)
     measured, draws = frequency.values, frequency.predicted
     m, updated = len(measured), frequency.updated
+    sd, its_sd = draws.std(axis=0, ddof=1), frequency.sd(posterior)
+    percent = 100 * sd / updated
 
-    def pad(values: Floats) -> Floats:
-        return np.append(values, np.nan)
+    def hertz(title: str, values: Floats, to: Floats = sd) -> Column:
+        padded = np.append(values, np.nan)
+        return title, show(padded, np.append(to, np.nan)), padded
 
-    def with_tae(values: Floats) -> Floats:
+    def error(title: str, values: Floats) -> Column:
         errors = _percent_off(values, measured)
-        return np.append(errors, errors.mean())
+        errors, to = np.append(errors, errors.mean()), np.median(percent)
+        return title, show(errors, np.append(percent, to)), errors
 
     columns: list[Column] = [
         (frequency.dims, "", [*frequency.labels, "TAE"]),
-        ("measured Hz", ".3f", pad(measured)),
-        ("prior mean Hz", ".3f", pad(frequency.initial)),
-        ("error %", ".2f", with_tae(frequency.initial)),
-        ("updated Hz", ".3f", pad(updated)),
-        ("c.o.v. %", ".3f", pad(100 * draws.std(axis=0, ddof=1) / updated)),
-        ("error % ", ".3f", with_tae(updated)),
+        hertz("measured Hz", measured, np.where(np.isfinite(its_sd), its_sd, sd)),
+        hertz("prior mean Hz", frequency.initial),
+        error("error %", frequency.initial),
+        hertz("updated Hz", updated),
+        hertz("c.o.v. %", percent, percent),
+        error("error % ", updated),
     ]
     if asked and posterior is not None:
         row = posterior.recall(samples(idata)[1].mean(axis=(0, 1)))
         at_mean = row[posterior.columns[frequency.variable]][:m]
-        columns.append(("at mean parameters Hz", ".3f", pad(at_mean)))
-        columns.append(("error %  ", ".3f", with_tae(at_mean)))
+        columns.append(hertz("at mean parameters Hz", at_mean))
+        columns.append(error("error %  ", at_mean))
     for title, values in _columns(published):
         column = checks.numeric_array(f"published[{title!r}]", values)
         shapes, argument = ((m,), (m + 1,)), f"published[{title!r}]"
         checks.shaped(argument, column.shape, *shapes, remedy="the last is the TAE")
-        columns.append((title, ".4g", column if len(column) > m else pad(column)))
+        padded = np.append(column, [np.nan] * (m + 1 - len(column)))
+        columns.append((title, ".4g", padded))
     words = f" of {experiment!r}" if experiment else ""
     words += describe_certificate(idata)
     return Table.from_columns(f"Natural frequencies{words}", columns)
@@ -220,10 +251,11 @@ def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Ta
     :class:`FrequencyTerm`. At least 95 % of the measured values should lie inside,
     because the posterior was fitted to them. Where a term draws no new measurements,
     the interval is that of the model alone: it shows only the uncertainty of the
-    parameters, and the measured value need not lie inside. The column is then named "in
-    the model's interval". With a posterior, which a run knows, the column ``sd`` holds
-    :math:`f_i^m R_{ii}^{1/2}`. If modes were paired, mean and 5 % quantile of the MAC
-    are added. It takes no solves.
+    parameters, and the measured value need not lie inside, so the table has "-" there.
+    If no term draws any, the column is named "in the model's interval". With a
+    posterior, which a run knows, the column ``sd`` holds :math:`f_i^m R_{ii}^{1/2}`.
+    If modes were paired, mean and 5 % quantile of the MAC are added. It takes no
+    solves.
 
     Args:
         idata: The result of :func:`run` or :func:`to_inference_data`.
@@ -235,8 +267,8 @@ def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Ta
 
     Raises:
         TypeError: If posterior is not a LogPosterior.
-        ValueError: If no variable of the response was measured, posterior has other
-            parameters, or none of its terms can draw new measurements.
+        ValueError: If no variable of the response was measured, or posterior has other
+            parameters.
 
     Examples:
         >>> import emcee_femu as ef
@@ -246,40 +278,40 @@ def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Ta
         >>> ef.predictive_table(idata, posterior).column("inside")
         ['yes', 'yes', 'yes', 'yes', 'yes']
     """
-    asked = posterior is not None
     idata, posterior = read_samples(idata, posterior)
     parts = measured_variables(idata)
     missing = [part.name for part in parts if part.replicated is None]
-    if asked and missing:
-        raise ValueError(
-            f"posterior: no term draws new measurements of {missing}, so that their "
-            "error is not known; leave posterior out"
-        )
-    what, title_of_inside = (
-        "a new measurement, with its error and discrepancy",
-        "inside",
-    )
-    if missing:
-        parts = [replace(part, replicated=None) for part in parts]
-        what, title_of_inside = "the model alone", "in the model's interval"
+    none_drawn = len(missing) == len(parts)
+    title_of_inside = "in the model's interval" if none_drawn else "inside"
+    what = "the model alone"
+    if not none_drawn:
+        what = "a new measurement, with its error and discrepancy"
+        what += f"; of {', '.join(missing)} the model alone" * bool(missing)
     new = [p.predicted if p.replicated is None else p.replicated for p in parts]
     low, high = summarize(np.concatenate(new, axis=1))[1:]
     updated = np.concatenate([part.updated for part in parts])
+    # The model's own interval need not hold what was measured.
+    judged = [np.full(len(p.values), p.name not in missing) for p in parts]
     inside = np.concatenate([part.inside for part in parts])
+    said = np.where(inside, "yes", "no")
+    if not none_drawn:
+        said = np.where(np.concatenate(judged), said, "-")
     measured = np.concatenate([part.values for part in parts])
     title, labels, unit = _name_rows(parts)
-    spec = ".3f" if unit == " Hz" else ".5g"
+    sd = np.concatenate([part.sd(posterior) for part in parts])
+    # Where the error of the test is not known: as if the interval were a Gaussian's.
+    about = (high - low) / INTERVAL_WIDTH
+    to = np.where(np.isfinite(sd), sd, about)
     columns: list[Column] = [
         (title, "", labels),
-        (f"measured{unit}", spec, measured),
-        (f"updated{unit}", spec, updated),
-        ("2.5 %", spec, low),
-        ("97.5 %", spec, high),
-        (title_of_inside, "", np.where(inside, "yes", "no")),
+        (f"measured{unit}", show(measured, to), measured),
+        (f"updated{unit}", show(updated, about), updated),
+        ("2.5 %", show(low, about), low),
+        ("97.5 %", show(high, about), high),
+        (title_of_inside, "", said),
     ]
-    if posterior is not None and not missing:
-        sd = np.concatenate([part.sd(posterior) for part in parts])
-        columns.insert(2, (f"sd{unit}", ".3g", sd))
+    if np.isfinite(sd).any() and not none_drawn:
+        columns.insert(2, (f"sd{unit}", show(sd, sd), sd))
     mac = np.concatenate([_summarize_mac(part) for part in parts], axis=1)
     if np.isfinite(mac).any():
         columns += [("MAC", ".3f", mac[0]), ("MAC 5 %", ".3f", mac[1])]
@@ -303,7 +335,8 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
 
     Args:
         idata: The result of :func:`run` or :func:`to_inference_data`.
-        experiment: Name of one experiment of a joint posterior.
+        experiment: Name of one experiment of a joint posterior; None for all that pair
+            modes, below each other.
 
     Returns:
         The table, one row per measured mode, and one for all.
@@ -326,12 +359,16 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
     """
     idata, _ = read_samples(idata)
     response = dataset(idata, "response")
+    tests = find_experiments(response, "mac")
+    if experiment is None and tests:
+        tables = {name: pairing_table(idata, name) for name in tests}
+        title = f"Pairing with the model's modes{describe_certificate(idata)}"
+        return Table.stack(title, tables)
     names = [f"{experiment}.{v}" if experiment else v for v in ("mac", "model_mode")]
     if not set(names) <= set(response.data_vars):
-        paired = [v[: -len(".mac")] for v in map(str, response) if v.endswith(".mac")]
         remedy = "the model pairs no modes; wrap the model in a PairedModel"
-        if paired:
-            remedy = f"name one of {paired} with experiment="
+        if tests:
+            remedy = f"name one of {tests} with experiment="
         raise ValueError(f"idata, experiment: there is no {names[0]!r}; {remedy}")
     both = (response[name].transpose("chain", "draw", ...) for name in names)
     mac, model_mode = (values.values for values in both)

@@ -8,7 +8,14 @@ import emcee
 import numpy as np
 
 from ..evaluation.evaluator import Bar, Evaluation
-from ..evaluation.samplers import Sampler, Weighted, caption, progress_bar, take_turns
+from ..evaluation.samplers import (
+    Sampler,
+    Weighted,
+    caption,
+    complete,
+    progress_bar,
+    take_turns,
+)
 from ..moves.proposing import ladder_of
 from ..search.record import STOPPED_BY_SOLVES, STOPPED_BY_VERDICT
 from ..search.settings import SETTINGS
@@ -64,6 +71,7 @@ def sample_until(
                     converged, text = _ask(record, ess)
                     caption(bar, text)
                     if converged:
+                        complete(bar)
                         return STOPPED_BY_VERDICT
                     look = next_look(done + 1)
                 # A proposal of some moves takes several solves, which steps show; a
@@ -94,7 +102,9 @@ def _ask(record: Run, ess: float) -> tuple[bool, str]:
     least = np.nan_to_num([diagnosis.ess_bulk, diagnosis.ess_tail]).min()
     known = chain.status != NOT_CONVERGED and least >= ess
     known &= not (diagnosis.sd_error > SETTINGS.sd_at_end).any()
-    return known, f"sampling, ESS {least:,.0f} of {ess:,.0f}, {chain.short}"
+    if known:
+        return True, f"converged, ESS {least:,.0f}"
+    return False, f"sampling, ESS {least:,.0f} of {ess:,.0f}"
 
 
 def next_look(steps: int) -> int:

@@ -26,7 +26,7 @@ from ..evaluation.samplers import (
     progress_bar,
 )
 from ..evaluation.store import Store, StoredChain
-from ..moves.proposing import ladder_of
+from ..moves.proposing import find_stock_fault, ladder_of
 from ..posterior.log_posterior import LogPosterior
 from ..search.auto import budget_of, search_and_start
 from ..search.first_solve import check_first_solve, draw_starts, time_batch
@@ -153,7 +153,7 @@ def run(
         UserWarning: If the predictions at the prior mean are off by more than a
             factor of 3 (units?), the frequencies are in another order than the
             measured ones, the prior looks wrong, or the model ignores its
-            parameters.
+            parameters. Or if a move is one of emcee's that samples wrongly.
 
     Source: D. Foreman-Mackey et al. (2013), emcee, doi:10.1086/670067; Sherri,
     Boulkaibet, Marwala and Friswell, whose DE-MC algorithm is :class:`DEMCMove`.
@@ -176,6 +176,9 @@ def run(
         )
     checks.instance("posterior", posterior, LogPosterior)
     weighted = None if moves == "auto" else copy_moves(weigh_moves(moves))
+    for move, _ in weighted or ():
+        if fault := find_stock_fault(move):
+            warnings.warn(f"moves: {fault}", UserWarning, stacklevel=2)
     nwalkers = check_walkers(nwalkers, weighted, posterior, few=steps is None)
     ensembles = checks.whole_number("ensembles", ensembles, 1)
     steps = None if steps is None else checks.whole_number("steps", steps, 1)

@@ -15,7 +15,7 @@ from ..moves.mixture import GAUSSIAN, Mixture
 from ..posterior.derivatives import DIGITS, is_printed
 from ..posterior.log_posterior import LOG_POSTERIOR, LogPosterior
 from ..posterior.priors import inside, prior_centre, summarize_prior
-from ..table import Column, Parts, Report, Table, unit_column
+from ..table import Column, Parts, Report, Table, number_columns
 from .climbing import Maximum, climb, distinct
 from .first_solve import check_first_solve
 from .importance import FAIR_SHARE, FEWEST_WEIGHTS, GOOD_K, kish_share, pareto_k
@@ -103,16 +103,18 @@ class FoundMap(Report):
         """The prior, then maxima and sds inside the bounds, one row per parameter."""
         sd = summarize_prior(self.posterior.prior)[1]
         bounds = self.posterior.prior.bounds.T
-        columns: list[Column] = [
-            ("parameter", "", list(self.posterior.names)),
-            *unit_column(self.posterior.units.get(n, "") for n in self.posterior.names),
-            ("prior mean", ".5g", prior_centre(self.posterior.prior)),
-            ("prior sd", ".3g", sd),
+        shown = [
+            ("prior mean", prior_centre(self.posterior.prior), sd),
+            ("prior sd", sd, sd),
         ]
         for number, maximum in enumerate(self.maxima[:SHOWN_MAXIMA], 1):
-            columns.append((f"maximum {number}", ".5g", maximum.theta))
-            inside = moments_inside(*maximum.gaussian, *bounds)[1]
-            columns.append((f"sd {number}", ".3g", np.sqrt(np.diag(inside))))
+            about = np.sqrt(np.diag(moments_inside(*maximum.gaussian, *bounds)[1]))
+            shown.append((f"maximum {number}", maximum.theta, about))
+            shown.append((f"sd {number}", about, about))
+        names = list(self.posterior.names)
+        units = (self.posterior.units.get(name, "") for name in names)
+        unit, numbers = number_columns(units, shown)
+        columns: list[Column] = [("parameter", "", names), *unit, *numbers]
         return Table.from_columns("Maxima of the posterior", columns)
 
     @property

@@ -19,7 +19,7 @@ from ..moves.hamiltonian import HamiltonianMove
 from ..moves.independence import IndependenceMove
 from ..moves.mixture import Mixture
 from ..posterior.log_posterior import LOG_POSTERIOR, LogPosterior
-from ..table import Column, Parts, Report, Table, unit_column
+from ..table import Column, Parts, Report, Table, number_columns
 from .proposal import Labels, assign
 from .response_surface import ResponseSurface
 
@@ -150,11 +150,15 @@ class Annealed(Report):
     @property
     def table(self) -> Table:
         """Mean, standard deviation and effective size, one row per parameter."""
+        sd = self.theta.std(axis=0, ddof=1)
+        unit, numbers = number_columns(
+            (self.units.get(name, "") for name in self.names),
+            [("mean", self.theta.mean(axis=0), sd), ("sd", sd, sd)],
+        )
         columns: list[Column] = [
             ("parameter", "", list(self.names)),
-            *unit_column(self.units.get(name, "") for name in self.names),
-            ("mean", ".5g", self.theta.mean(axis=0)),
-            ("sd", ".4g", self.theta.std(axis=0, ddof=1)),
+            *unit,
+            *numbers,
             ("effective size", ".0f", self.effective_size),
         ]
         return Table.from_columns(f"Population of {len(self.theta)}", columns)
@@ -183,8 +187,8 @@ def about_box(log_box: float) -> Iterator[str]:
     """Say of what a bare log-probability's evidence is, if there is a box."""
     if np.isfinite(log_box):
         yield (
-            "The prior is uniform in the box. For the integral of a function that "
-            f"holds its prior already add {log_box:.4f}, ln of its volume."
+            "The prior is uniform in the box. If your function already includes its "
+            f"prior, add {log_box:.4f}, ln of the volume of the box."
         )
 
 
@@ -296,12 +300,12 @@ class SearchRecord(Report):
         count = len(self.weights)
         parts = [f"{100 * s:.0f} % {type(m).__name__}" for m, s in self.moves(None)]
         return (
-            f"a search by {self.points} points and {self.climbs} climbs found "
+            f"a search by {self.points:,} points and {self.climbs:,} climbs found "
             f"{'one maximum' if count == 1 else f'{count} separated maxima'}; "
             f"{'an annealed population, ' if self.annealed else ''}"
             f"{len(self.mixture.weights)} Student-t components refined by importance "
             f"weights, {100 * self.efficiency:.0f} % efficient (Pareto k "
-            f"{self.pareto_k:.2f}); {self.solves} evaluations in all; then "
+            f"{self.pareto_k:.2f}); {self.solves:,} evaluations in all; then "
             f"{', '.join(parts)}"
         )
 

@@ -4,7 +4,7 @@ Below :func:`.run`, which may end by it.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -149,6 +149,7 @@ class Diagnosis(Report):
             the prior), "at a bound", "does not fit" or "not checked".
         data: What the statement on the fit is made from: one record for each term,
             mode, sensor, channel and so on; printed by ``data_table``.
+        further: Statements that a maintainer added, by their title.
         plain: Whether the samplers are emcee's own, without a LogPosterior.
         stopped: Why the run ended: "converged", "solves" or "steps"; empty if unknown.
     """
@@ -171,6 +172,7 @@ class Diagnosis(Report):
     search: Statement = NOT_JUDGED
     fit: Statement = NOT_JUDGED
     data: tuple[FitRecord, ...] = ()
+    further: Mapping[str, Statement] = field(default_factory=dict)
     plain: bool = False
     stopped: str = ""
     discard: int = 0
@@ -198,7 +200,8 @@ class Diagnosis(Report):
 
     def _join(self, attribute: str, between: str) -> str:
         three = {"Chains": self.chains, "Search": self.search, "Fit": self.fit}
-        return between.join(f"{k}: {getattr(s, attribute)}" for k, s in three.items())
+        every = three | dict(self.further)
+        return between.join(f"{k}: {getattr(s, attribute)}" for k, s in every.items())
 
     @property
     def table(self) -> Table:

@@ -58,8 +58,8 @@ tabulate(beside, ".3f")
 # %%
 run = ef.run(springs.posterior, ef.DEMCMove(), nwalkers=10, steps=1_500, seed=2026)
 idata = ef.to_inference_data(run, discard=300)
-columns = {"true": springs.target, **printed.parameters}
-parameters = ef.parameter_table(idata, springs.nominal, columns)
+columns = {"printed nominal": springs.nominal, **printed.parameters}
+parameters = ef.parameter_table(idata, springs.target, columns)
 parameters
 
 # %%

@@ -144,7 +144,7 @@ az.summary(idata)
 page = path.read_text(encoding="utf-8")
 table = ef.parameter_table(run)
 assert table._repr_html_() in page
-assert page.count("<img") == 5  # fit, MAC, shapes, prior and posterior, correlations
+assert page.count("<img") == 6  # first page, fit, MAC, shapes, parameters, pairs
 assert "http" not in page
 assert page.index(text["conclusion"]) < page.index("Prior and posterior")
 low, high = (np.array(table.column(name)) for name in ("2.5 %", "97.5 %"))

@@ -65,9 +65,8 @@ evidence = ef.log_evidence(run)
 evidence
 
 # %% [markdown]
-# It is that of this prior, uniform in the box. If your function is a `log_probability`
-# and holds its prior already, give it with bounds alone. The evidence is then divided
-# by the volume of the box, and the printed number takes it back.
+# This is the evidence with a prior that is uniform in the box. If your function already
+# includes its prior, pass bounds only, and add the printed constant to the log evidence.
 #
 # ## The stretch move beside the others
 #

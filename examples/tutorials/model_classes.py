@@ -162,7 +162,7 @@ by_class = table["ln Bayes factor"].to_dict()
 assert by_class["one factor"] > 5
 assert list(by_class)[0] == "second storey apart"
 assert 0 < by_class["three stiffnesses"] < 3
-assert "against one factor is very strong" in compared.conclusion
+assert "against 'one factor' is very strong" in compared.conclusion
 assert [*charge.values()] == sorted(charge.values())
 assert ranking.index[-1] == "one factor"
 assert abs(loss - np.log(10)) < 0.06

@@ -7,17 +7,6 @@
 # how modes are followed without measured shapes, and how a bad fit leads to what the
 # model lacks. `python examples/tutorials/real_aircraft.py` runs this page (100 s of
 # processor time).
-#
-# ## The structure and its test
-#
-# An aluminium body of 1.5 m, wings of 2 m span with a drum at either tip, a fin and a
-# tailplane, hung from bungees. {download}`garteur.py <../../examples/garteur.py>`
-# builds it from 27 nodes: bars with rigid offsets, point masses, and no supports. Its
-# first lines name the source of each dimension:
-#
-# ```{literalinclude} ../../examples/garteur.py
-# :pyobject: garteur
-# ```
 
 # %% tags=["remove-cell"]
 import sys
@@ -26,7 +15,7 @@ from pathlib import Path
 if "__file__" in globals():  # as a script: the drawing is in the folder above
     sys.path.append(str(Path(__file__).parents[1]))
 
-# %%
+# %% tags=["hide-input"]
 import numpy as np
 from garteur import MEASURED, garteur, total_mass
 from matplotlib import pyplot as plt
@@ -37,12 +26,7 @@ import emcee_femu as ef
 drawn = garteur(n_modes=10, shapes=True)
 print(f"{len(drawn.dofs)} DOFs, {total_mass(drawn):.1f} kg")
 
-# %% [markdown]
-# Balmes and Wright (DETC'97; 15th IMAC, pp. 1346-1352, Fig. 5, laboratory C) print eight
-# frequencies with pictures of their shapes. The modes of the model come in the same
-# order, which was checked by these pictures. There are no shapes in numbers.
-
-# %% mystnb={"image": {"alt": "The aircraft in six of its modes: wing bending, fin rolling, wing torsion, and the wing turning about the body"}}
+# %% tags=["hide-input"] mystnb={"image": {"alt": "The aircraft in six of its modes: wing bending, fin rolling, wing torsion, and the wing turning about the body"}}
 nominal = drawn({})
 nodes = np.array([*drawn.geometry.nodes.values()])
 moves = nominal.shapes[0].reshape(len(nodes), 3, -1)
@@ -63,6 +47,23 @@ plt.close(figure)  # shown once, by the next line
 figure
 
 # %% [markdown]
+# ## The structure and its test
+#
+# An aluminium body of 1.5 m, wings of 2 m span with a drum at either tip, a fin and a
+# tailplane, hung from bungees. {download}`garteur.py <../../examples/garteur.py>`
+# builds it from 27 nodes: bars with rigid offsets, point masses, and no supports. Its
+# first lines name the source of each dimension:
+#
+# :::{dropdown} The whole model
+# ```{literalinclude} ../../examples/garteur.py
+# :pyobject: garteur
+# ```
+# :::
+#
+# Balmes and Wright (DETC'97; 15th IMAC, pp. 1346-1352, Fig. 5, laboratory C) print eight
+# frequencies with pictures of their shapes. The modes of the model come in the same
+# order, which was checked by these pictures. There are no shapes in numbers.
+#
 # The model of the drawings is too soft in bending (mode 1), and its modes 7 and 8 are 2
 # Hz apart where the test has 5.6 Hz.
 #

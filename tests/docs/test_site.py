@@ -143,6 +143,8 @@ class Links(HTMLParser):
         self.names |= {given.get("id"), given.get("name")}
         if tag == "a" and given.get("href"):
             self.targets.add(given["href"])
+        if tag == "img" and not str(given.get("src")).startswith("data:"):
+            self.targets.add(given["src"])
 
 
 def test_every_link_inside_leads_somewhere():

@@ -7,8 +7,8 @@ import runpy
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from support.examples import EXAMPLES, TESTS, load
@@ -80,14 +80,17 @@ def begin(path):
 
 @pytest.mark.slow
 def test_front_picture(tmp_path, monkeypatch, capsys):
-    """Its numbers are those of the captions; the committed one has its size."""
+    """Its numbers are those of the captions; the committed one has its marks."""
     monkeypatch.chdir(tmp_path)  # the tutorial writes files
     front = load("front_picture")
     monkeypatch.setattr(front.runpy, "run_path", begin)
-    committed = plt.imread(inspect.signature(front.main).parameters["output"].default)
-    with plt.rc_context():
-        front.main(tmp_path / "front.png")
-    assert plt.imread(tmp_path / "front.png").shape == committed.shape
+    committed = inspect.signature(front.main).parameters["output"].default
+    front.main(tmp_path / "front.svg")
+    drawn, kept = (
+        [mark.tag for mark in ElementTree.parse(path).iter()]
+        for path in (tmp_path / "front.svg", committed)
+    )
+    assert drawn == kept and sum(tag.endswith("animate") for tag in kept) > 10
     before, after = re.findall(r"([\d.]+) % (?:before|after)", capsys.readouterr().out)
     for page in ("README.md", "docs/index.md"):
         text = (EXAMPLES.parent / page).read_text(encoding="utf-8")

@@ -111,9 +111,32 @@ def test_what_cannot_be_drawn_says_what_to_give(run):
     tests = {"empty": (paired, term), "plain": (MODEL, term)}
     both = sampled(ef.LogPosterior.joint(tests, PRIOR))
     assert len(ef.figures.plot_mac(both, experiment="empty").axes) == 3
-    for options, message in (({}, "experiment"), ({"experiment": "plain"}, "pairs no")):
-        with pytest.raises(ValueError, match=message):
-            ef.figures.plot_mac(both, **options)
+    with pytest.raises(ValueError, match="pairs no"):
+        ef.figures.plot_mac(both, experiment="plain")
+
+
+def test_without_a_name_every_experiment_that_can_be_drawn_is():
+    """Two that pair modes, and one between them that does not."""
+    term = ef.FrequencyTerm(TEST, relative_sd=0.01)
+    paired = ef.PairedModel(MODEL, TEST, candidates=2)
+    plain = ef.FunctionModel(lambda p: [0.085 * p["k1"] ** 0.5], n_modes=1)
+    first = ef.FrequencyTerm([0.27], relative_sd=0.01)
+    tests = {"empty": (paired, term), "plain": (plain, first), "full": (paired, term)}
+    run = sampled(ef.LogPosterior.joint(tests, PRIOR))
+    table = ef.pairing_table(run)
+    rows = [f"{name}, {mode}" for name in ("empty", "full") for mode in (1, 2, "any")]
+    assert table.column("mode") == rows
+    for plot, options, of_one in (
+        (ef.figures.plot_mac, {}, 3),
+        (ef.figures.plot_shapes, {"geometry": TOWER}, 2),
+    ):
+        one = plot(run, experiment="full", **options)
+        figure = plot(run, **options)
+        assert len(one.axes) == of_one and len(figure.axes) == 2 * of_one
+        above = [part.get_suptitle() for part in figure.subfigs]
+        assert above == ["empty", "full"] and one.get_suptitle() == "full"
+        drawn = [axes.get_title() for axes in figure.axes]
+        assert drawn == 2 * [axes.get_title() for axes in one.axes]
 
 
 @pytest.mark.parametrize(
@@ -180,3 +203,40 @@ def test_what_close_modes_span_is_drawn_at_the_sensors_only():
     (axes,) = ef.figures.plot_shapes(run_of(model, test), geometry=geometry).axes
     assert_allclose(points(axes, AT_SENSORS), points(axes, "measured"), atol=1e-9)
     assert not [c for c in axes.collections if c.get_label() == MOVED]
+
+
+def cantilever(elements):
+    nodes = [(0, 2.0 * i / elements) for i in range(elements + 1)]
+    section = ef.Section("E", rho=7850.0, A=1e-3, I=1e-6)
+    bars = [(i, i + 1, "bar") for i in range(elements)]
+    every = {"plane": "xz", "shapes": True, "n_modes": 2}
+    return ef.FrameModel(nodes, bars, {"bar": section}, {0: "all"}, **every)
+
+
+def drawn_modes(elements):
+    model, prior = (
+        cantilever(elements),
+        ef.GaussianPrior(["E"], [2e11], 2e9, [(1e11, 3e11)]),
+    )
+    hertz = model({"E": np.array([2e11])}).frequencies[0]
+    term = ef.FrequencyTerm(hertz, relative_sd=0.01)
+    figure = ef.figures.plot_shapes(sampled(ef.LogPosterior(model, term, prior)))
+    return [np.concatenate(lines(axes, MOVED)) for axes in figure.axes]
+
+
+def test_beams_are_drawn_as_they_bend():
+    """Three elements, drawn with their rotations, are the beam of thirty."""
+    for coarse, fine in zip(drawn_modes(3), drawn_modes(30), strict=True):
+        drawn = np.interp(fine[:, 1], *coarse[np.argsort(coarse[:, 1])].T[::-1])
+        largest = np.abs(fine[:, 0]).max()
+        assert largest > 0.1
+        sign = np.sign(coarse[-1, 0] * fine[-1, 0])
+        assert_allclose(sign * drawn, fine[:, 0], atol=0.03 * largest)
+
+
+def test_a_panel_shows_the_structure_with_its_sensors(run):
+    figure = ef.figures.plot_shapes(run, modes=[2], geometry=TOWER, structure=True)
+    first, second = figure.axes
+    assert "2 sensors" in first.get_title() and "mode 2" in second.get_title()
+    tails = [arrow.xyann for arrow in first.texts]
+    assert_allclose(sorted(tails), [(0, 3), (0, 6)], atol=1e-9)

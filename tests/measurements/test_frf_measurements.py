@@ -87,6 +87,22 @@ def write(path, *, signs=(1, 1), **changes):
     return path
 
 
+def test_what_fills_the_last_line_of_an_even_function_is_left_out(tmp_path):
+    path = write(tmp_path / "frf.uff")
+    plain = ef.frf.FRFMeasurements.from_uff(path)
+    padded, last = [], ""
+    for line in path.read_text().splitlines():  # each function ends in a filled line
+        values = last.count("e+") + last.count("e-")
+        if line == "    -1" and values:
+            padded[-1] = last + (4 - values) * f"{0:20.11e}"
+        padded.append(line)
+        last = line
+    path.write_text("\n".join([*padded, ""]))
+    found = ef.frf.FRFMeasurements.from_uff(path)
+    np.testing.assert_array_equal(found.values, plain.values)
+    np.testing.assert_array_equal(found.lines, plain.lines)
+
+
 def test_a_direction_against_the_axis_turns_the_sign():
     channels = [("4:-x", "7:z"), ("12:-y", "7:-z")]
     found = ef.frf.FRFMeasurements(LINES, H, channels, kind="mobility")

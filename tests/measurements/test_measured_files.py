@@ -1,3 +1,4 @@
+import ast
 import csv
 from collections import Counter
 
@@ -189,6 +190,18 @@ def test_a_csv_file_that_ends_anywhere_is_refused_or_read_in_full(tmp_path, tail
         assert tail or found.shapes is None or np.isfinite(found.shapes).all()
         found.to_csv(path)
         assert not cells(text) - cells(path.read_text()), text
+
+
+def test_modes_that_a_universal_file_has_twice_are_left_out_as_it_says(tmp_path):
+    path = write_modes(tmp_path / "modes")
+    plain = Measurements.from_uff(path)
+    path.write_text(2 * path.read_text())
+    with pytest.raises(ValueError, match="the same") as error:
+        Measurements.from_uff(path)
+    wanted = ast.literal_eval(str(error.value).rpartition("modes=")[2])
+    found = Measurements.from_uff(path, modes=wanted)
+    np.testing.assert_array_equal(found.frequencies, plain.frequencies)
+    np.testing.assert_array_equal(found.shapes, plain.shapes)
 
 
 @pytest.mark.parametrize("tail", ["", "    -1\n", "\0", "1e999\n"])

@@ -103,7 +103,7 @@ def test_the_table_shows_the_standard_deviations_of_a_covariance():
     frame = m.to_frame()
     assert [*frame.columns] == ["mode", "f [Hz]", "sd [Hz]", "MPC"]
     assert_array_equal(frame["sd [Hz]"], np.sqrt(np.diag(COVARIANCE)))
-    assert "0.0316" in str(m) and "<td>0.0316</td>" in m._repr_html_()
+    assert "0.032" in str(m) and "<td>0.032</td>" in m._repr_html_()
 
 
 UNIT = SHAPES / np.linalg.norm(SHAPES, axis=0)

@@ -1,199 +1,179 @@
-"""Sensors that measure combinations of DOFs: models, pairing, terms, drawings."""
+"""A sensor that is no DOF gives, by every door, what the DOFs themselves give."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy import sparse
-from support.figures import assert_readable
 
 import emcee_femu as ef
+from emcee_femu.measurements.modes import read_combination, unit_of, write_combination
 
-L, E, INERTIA = 2.0, 7e10, 9e-9
-BAR = ef.Section(E=(E, "e"), GJ=700.0, rho=2700.0, A=3e-4, Iy=2e-9, Iz=INERTIA)
-NODES = [(x, 0, 0) for x in np.linspace(0, L, 5)]
-BARS = [(i, i + 1, "bar") for i in range(4)]
-SENSORS = {
-    "skew": {"4:uy": 0.6, "4:uz": 0.8},
-    "turned": "2:-uy",
-    "gauge": {"1:ry": -0.25, "2:ry": 0.25},
-    "gap": {"4:uz": 1.0, "2:uz": -1.0},
-}
-T = {"e": np.array([0.9, 1.1])}
+COS, SIN = 0.8, 0.6
+SKEW = {"2:ux": COS, "2:uy": SIN}
+GAUGE = {"3:rz": 2.0, "2:rz": -2.0}  # the curvature of a bar of half a metre
+AT = {"k": np.array([1.0, 1.3]), "tip": np.array([1.0, 1.0])}
+SKEW_TEXT = "0.8*2:ux + 0.6*2:uy"
 
 
-def beam(shapes, n_modes=3, **options):
-    supports = {0: "all"} | options.pop("supports", {})
-    return ef.FrameModel(
-        NODES, BARS, {"bar": BAR}, supports, n_modes=n_modes, shapes=shapes, **options
-    )
+def frame(**options):
+    """Return a bent frame, in which nodes move along x and y."""
+    nodes = [(0, 0), (0.3, 0.4), (0.6, 0.8), (1.0, 1.1), (1.5, 1.1)]
+    own = {"rho": 7800, "A": 1e-4, "I": 1e-9}
+    sections = {name: ef.Section(E=(2e11, name), **own) for name in ("k", "tip")}
+    bars = [(i, i + 1, "k" if i < 2 else "tip") for i in range(4)]
+    supports = {0: "fixed"}
+    given = {"plane": "xy", "n_modes": 6, "shapes": True} | options
+    return ef.FrameModel(nodes, bars, sections, supports, **given)
 
 
-def by_hand(dofs, shapes):
-    """Return what SENSORS measure of shapes at all DOFs, ``(..., n_dof, n_modes)``."""
-    rows = np.zeros((len(SENSORS), len(dofs)))
-    for row, parts in zip(rows, SENSORS.values(), strict=True):
-        for dof, factor in ({"2:uy": -1.0} if parts == "2:-uy" else parts).items():
-            row[dofs.index(dof)] = factor
-    return rows @ shapes
+FRAME = frame()
+SHAPES = FRAME(AT).shapes[0]
+ROW = {dof: i for i, dof in enumerate(FRAME.dofs)}
+BY_DOF = SHAPES[[ROW["1:ux"], ROW["3:uy"], ROW["4:uy"]], :3]
+ALONG = COS * SHAPES[ROW["2:ux"], :3] + SIN * SHAPES[ROW["2:uy"], :3]
+HERTZ = FRAME(AT).frequencies[0, :3]
 
 
-def numbered(dofs):
-    """Return SENSORS by the numbers of rows."""
-    return {
-        label: {dofs.index("2:uy"): -1.0}
-        if parts == "2:-uy"
-        else {dofs.index(dof): factor for dof, factor in parts.items()}
-        for label, parts in SENSORS.items()
-    }
+def measured(last, row=ALONG):
+    dofs = ["1:ux", "3:uy", "4:uy", last]
+    return ef.Measurements(HERTZ, np.vstack([BY_DOF, row]), dofs=dofs)
 
 
-def the_models(shapes):
-    """Return the beam by labels, from dense and sparse matrices, assembled, reduced."""
-    frame, numbers = beam(True), numbered(beam(True).dofs)
-    K, M = frame.K["e"], frame.M0
-    if shapes is not True:
-        frame, shapes = beam(SENSORS), numbers
-    yield frame
-    zero = np.zeros_like(K)
-    yield ef.MatrixModel(frame.K0, M, {"e": K}, n_modes=3, shapes=shapes)
-    K0, M0, in_K = map(sparse.csc_array, (frame.K0, M, K))
-    yield ef.MatrixModel(K0, M0, {"e": in_K}, n_modes=3, shapes=shapes)
-    yield ef.reduce_model(frame, {"e": (0.5, 2.0)}, seed=1)
-    at = {"n_modes": 3, "shapes": numbers if shapes is not True else range(len(zero))}
-    yield ef.AssembledModel(lambda p: (frame.K0 + p["e"] * K, M), ["e"], **at)
-
-
-def test_every_model_returns_combinations_and_their_derivatives():
-    dofs = beam(True).dofs
-    for every, some in zip(the_models(True), the_models(SENSORS), strict=True):
-        whole, slopes = every.jacobian(T)
-        found, its = some.jacobian(T)
-        assert list(some.variables["shapes"].coords["dof"]) == list(SENSORS)
-        expected = by_hand(dofs, whole.shapes)
-        sign = np.sign((expected * found.shapes).sum(axis=1, keepdims=True))
-        assert_allclose(found.shapes * sign, expected, rtol=0, atol=2e-5)
-        turn = by_hand(dofs, slopes["shapes"]["e"]) * sign
-        assert_allclose(its["shapes"]["e"], turn, rtol=0, atol=2e-5)
-
-
-def test_pairing_and_terms_see_what_the_sensors_measured():
-    model, every = beam(SENSORS), beam(True)
-    shapes = by_hand(every.dofs, every(T).shapes)[0, :, ::-1]
-    noisy = shapes + 0.01 * np.random.default_rng(3).normal(size=shapes.shape)
-    hertz, noisy = every(T).frequencies[0], noisy[:, ::-1]
-    test = ef.Measurements(hertz, noisy, dofs=list(SENSORS))
-    bare = ef.Measurements(hertz, noisy)
-    paired = ef.PairedModel(model, test, candidates=3)
-    found = paired(T)
-    assert found.mac.min() > 0.99
-    term = ef.ShapeTerm(test, delta=0.03)
-    prior = ef.IndependentPrior({"e": (0.5, 2.0)})
-    frequency = ef.FrequencyTerm(test, relative_sd=0.01)
-    posterior = ef.LogPosterior(paired, [frequency, term], prior)
-    plain = ef.PairedModel(  # the same rows, formed by a function
-        ef.FunctionModel(
-            lambda p: ef.ModalSolution(
-                every({"e": np.array([p["e"]])}).frequencies[0],
-                by_hand(every.dofs, every({"e": np.array([p["e"]])}).shapes[0]),
-            ),
-            n_modes=3,
-        ),
-        bare,
-        candidates=3,
-    )
-    by_row = ef.ShapeTerm(bare, delta=0.03)
-    same = ef.LogPosterior(plain, [frequency, by_row], prior)
-    theta = np.array([[0.9], [1.05], [1.2]])
-    assert_allclose(posterior(theta)[:, 0], same(theta)[:, 0], rtol=1e-9)
-    found = posterior.linearize(theta[1:])
-    h = 1e-5
-    ahead, behind = (posterior(theta[1:] + step)[:, 0] for step in (h, -h))
-    assert_allclose(found.gradient[:, 0], (ahead - behind) / (2 * h), rtol=1e-4)
-
-
-def test_a_frame_gives_a_static_test_of_itself_by_labels():
-    model = beam(False)
-    loads = {"tip": {"4:uz": 30.0}, "down": {"4:-uz": 30.0}, "side": {"4:uy": 12.0}}
-    points = {"tip": "4:uz", "skew": {"4:uy": 0.6, "4:uz": 0.8}, "gap": SENSORS["gap"]}
-    static = model.static(loads, points=points)
-    u = static(T)["displacement"]
-    x = np.array([L, L / 2])
-    uz = 30.0 * x**2 * (3 * L - x) / (6 * E * INERTIA)
-    uy = 12.0 * L**3 / (3 * E * 2e-9)
-    tip = np.array([uz[0], 0.8 * uz[0], uz[0] - uz[1]])
-    expected = np.array([tip, -tip, [0.0, 0.6 * uy, 0.0]])
-    assert_allclose(u, expected / T["e"][:, None, None], rtol=1e-8, atol=1e-15)
-    slope = static.jacobian(T)[1]["displacement"]["e"]
-    assert_allclose(
-        slope, -expected / T["e"][:, None, None] ** 2, rtol=1e-7, atol=1e-14
-    )
-    prior = ef.IndependentPrior({"e": (0.5, 2.0)})
-    tests = {
-        "modal": (model, ef.FrequencyTerm(model(T).frequencies[0], relative_sd=0.01)),
-        "static": (static, ef.DisplacementTerm(u[0], sd=1e-4)),
-    }
-    at = ef.find_map(ef.LogPosterior.joint(tests, prior), seed=1).maxima[0].theta
-    assert_allclose(at, 0.9, rtol=1e-3)
-
-
-@pytest.mark.parametrize("residual", [False, True])
-def test_a_frf_of_a_combination_is_the_combination_of_frfs(residual):
-    dofs = ["4:uy", "4:uz", "2:uz"]
-    plain = beam(dofs)
-    skew = beam({"skew": SENSORS["skew"], "2:uz": "2:uz"})
-    lines = np.linspace(1.0, 30.0, 7)
-    options = {"damping": 0.02, "residual": residual, "kind": "receptance"}
-    channels = [(i, j) for i in dofs for j in dofs]
-    full = ef.frf.FRFModel(plain, lines, channels, **options)(T)["receptance"]
-    full = (full @ [1, 1j]).reshape(2, 3, 3, len(lines))
-    some = [("skew", "skew"), ("2:uz", "skew")]
-    found = ef.frf.FRFModel(skew, lines, some, **options)(T)["receptance"] @ [1, 1j]
-    w = np.array([0.6, 0.8, 0.0])
-    assert_allclose(found[:, 0], np.einsum("i,nijl,j->nl", w, full, w), rtol=1e-6)
-    assert_allclose(found[:, 1], np.einsum("njl,j->nl", full[:, 2], w), rtol=1e-6)
-
-
-def test_combined_sensors_are_drawn_along_their_direction_or_left_out():
-    model = beam(SENSORS)
-    assert_allclose(model.geometry.locate("skew")[1], [0.0, 0.6, 0.8])
-    assert model.geometry.undrawn == {"gauge", "gap"}
-    tower = ef.Geometry({0: (0, 0), 1: (0, 1)}, sensors={"gauge": None})
-    assert tower.undrawn == {"gauge"} and tower.locate("gauge") is None
-    one = {"e": np.ones(1)}
-    test = ef.Measurements(
-        model(one).frequencies[0], model(one).shapes[0], dofs=list(SENSORS)
-    )
-    paired = ef.PairedModel(model, test, candidates=3)
-    prior = ef.IndependentPrior({"e": (0.5, 2.0)})
-    term = ef.FrequencyTerm(test, relative_sd=0.01)
-    run = ef.run(
-        ef.LogPosterior(paired, term, prior), ef.DEMCMove(), 8, 20, seed=1, ensembles=1
-    )
-    assert_readable(ef.figures.plot_shapes(run))
+@pytest.mark.parametrize("text", ["2:ux", "2:-ux", "A-1:ux", "4", "", "a b", "a *"])
+def test_a_single_dof_is_no_combination(text):
+    assert read_combination(text) is None
 
 
 @pytest.mark.parametrize(
-    ("shapes", "words"),
+    ("text", "parts"),
     [
-        (["1:UX"], r"'1:UX'.*did you mean '1:ux'"),
-        (["9:ux"], r"nodes.*are 1 to 4"),
-        (["2:u30"], r"node 2 has .*2:uz.*combination"),
-        ({"tip": {"4:uy": 0.6, "4:uq": 0.8}}, r"shapes\['tip'\].*'4:uq'"),
-        ({"tip": {"4:uy": 0.0}}, r"shapes\['tip'\].*0"),
-        ({"tip": {}}, r"shapes\['tip'\]"),
-        ({"tip": {"4:uy": np.nan}}, r"shapes\['tip'\].*finite"),
+        (SKEW_TEXT, SKEW),
+        ("0.8*2:ux+.6*2:uy", SKEW),
+        ("0.8*2:ux - 0.6*2:-uy", SKEW),
+        ("3:ux - 2:ux", {"3:ux": 1.0, "2:ux": -1.0}),
+        ("-1e-3*3:rz + 1E-3 * 2:rz", {"3:rz": -1e-3, "2:rz": 1e-3}),
+        ("0.8*4 + 0.6*5", {4: 0.8, 5: 0.6}),
     ],
 )
-def test_a_dof_that_is_none_names_what_may_be_meant(shapes, words):
-    with pytest.raises(ValueError, match=words):
-        beam(shapes)
+def test_a_combination_is_read_and_written(text, parts):
+    assert read_combination(text) == parts
+    assert read_combination(write_combination(parts)) == parts
+
+
+def test_a_skew_sensor_pairs_by_what_it_measures_in_every_spelling(tmp_path):
+    """The MAC is 1: only the right combination of the model's rows gives it."""
+    rows = np.vstack([BY_DOF, ALONG]).tolist()
+    lines = [
+        "quantity;sensor;dof;a;b;c",
+        "frequency [Hz];;;" + ";".join(map(str, HERTZ)),
+    ]
+    for dof, row in zip(
+        ["1:ux", "3:uy", "4:uy", "0,8*2:ux + 0,6*2:uy"], rows, strict=True
+    ):
+        lines.append(f"shape;{dof[:1]};{dof};" + ";".join(map(str, row)))
+    path = tmp_path / "test.csv"
+    path.write_text("\n".join([*lines, ""]).replace(".", ","), encoding="utf-8")
+    read = ef.Measurements.from_csv(path)
+    read.to_csv(tmp_path / "again.csv")
+    again = ef.Measurements.from_csv(tmp_path / "again.csv")
+    for test in (measured(SKEW), measured(SKEW_TEXT), read, again):
+        assert test.dofs.tolist()[-1] == SKEW_TEXT
+        assert_allclose(ef.PairedModel(FRAME, test)(AT).mac[0], 1, atol=1e-6)
+    wrong = measured({"2:ux": COS, "2:uy": -SIN})
+    assert ef.PairedModel(FRAME, wrong)(AT).mac.min() < 0.99
+    turned = measured({"2:-ux": COS, "2:-uy": SIN}, -ALONG)
+    assert_allclose(ef.PairedModel(FRAME, turned)(AT).mac[0], 1, atol=1e-6)
+
+
+def test_functions_and_models_with_numbers_take_combinations():
+    numbered = {ROW[dof]: factor for dof, factor in SKEW.items()}
+    dofs = [ROW["1:ux"], ROW["3:uy"], ROW["4:uy"], numbered]
+    test = ef.Measurements(HERTZ, np.vstack([BY_DOF, ALONG]), dofs=dofs)
+
+    def solve(p):
+        modes = FRAME({name: np.array([value]) for name, value in p.items()})
+        return ef.ModalSolution(modes.frequencies[0], modes.shapes[0])
+
+    by_function = ef.PairedModel(ef.FunctionModel(solve, n_modes=6), test)
+    assert_allclose(by_function(AT).mac[0], 1, atol=1e-9)
+    K, M = FRAME.matrices({"k": 1.0, "tip": 0.5})
+    tip = FRAME.K["tip"]
+    matrices = ef.MatrixModel(
+        K - FRAME.K["k"] - 0.5 * tip,
+        M,
+        {"k": FRAME.K["k"], "tip": tip},
+        n_modes=6,
+        shapes=True,
+    )
+    assert_allclose(ef.PairedModel(matrices, test)(AT).mac[0], 1, atol=1e-9)
+    term = ef.ShapeTerm(test, delta=0.01)
+    exact = term({}, by_function(AT))[0]
+    off = ef.ShapeTerm(measured(SKEW, -ALONG), delta=0.01)({}, by_function(AT))[0]
+    assert exact > off + 10
+
+
+def test_derivatives_of_paired_combinations_are_those_of_differences():
+    paired = ef.PairedModel(FRAME, measured(SKEW))
+    slopes = paired.jacobian(AT)[1]["shapes"]["k"]
+    step = 1e-6
+    ahead, behind = (paired(AT | {"k": AT["k"] + s}).shapes for s in (step, -step))
+    assert np.abs(slopes[:, -1]).max() > 1e-3
+    assert_allclose(slopes, (ahead - behind) / (2 * step), atol=1e-5)
+
+
+def test_a_strain_gauge_is_left_out_of_the_mac_beside_translations():
+    """In another unit of length, and of any gain, the MAC is the same."""
+    strain = 2 * (SHAPES[ROW["3:rz"], :3] - SHAPES[ROW["2:rz"], :3])
+    assert unit_of(write_combination(GAUGE)) != unit_of("2:ux")
+    for factor in (1.0, 1e3):
+        test = measured(GAUGE, factor * strain)
+        assert np.isnan(test.compared[-1]).all()
+        assert_allclose(ef.PairedModel(FRAME, test)(AT).mac[0], 1, atol=1e-9)
+    with pytest.raises(ValueError, match="unit of length; give sd="):
+        ef.ShapeTerm(test, delta=0.01)
+    named = frame(shapes={"a": "1:ux", "b": "3:uy", "c": "4:uy", "gauge": GAUGE})
+    dofs = ["a", "b", "c", "gauge"]
+    test = ef.Measurements(HERTZ, np.vstack([BY_DOF, strain]), dofs=dofs)
+    with pytest.raises(ValueError, match="'gauge' measures .*unit of length"):
+        ef.PairedModel(named, test)
 
 
 @pytest.mark.parametrize(
-    ("dof", "words"),
-    [("4:u30", "combination"), ("4:UX", "'4:ux'"), ("7:uz", "1 to 4"), ("3:uy", "ask")],
+    ("label", "like"),
+    [
+        ("3:ux - 2:ux", "2:ux"),  # a displacement of one against the other
+        (SKEW_TEXT, "2:ux"),
+        ("1.0*3:ux + 0.2*3:rz", "2:ux"),  # on an arm of 0.2 m
+        ("0.8*2:rx + 0.6*2:ry", "2:rz"),
+        ("0.5*2:ux + 0.5*3:ux", "2:ux"),  # the mean of two
+        ("4.0*3:ux - 4.0*2:ux", write_combination(GAUGE)),  # a strain
+    ],
 )
-def test_measured_dofs_that_the_model_has_not(dof, words):
-    test = ef.Measurements([1.0], [[1.0], [0.5]], dofs=["4:uz", dof])
-    with pytest.raises(ValueError, match=words):
-        ef.PairedModel(beam(["4:uz", "2:uz"]), test, candidates=1)
+def test_the_unit_of_a_combination(label, like):
+    assert unit_of(label) == unit_of(like)
+
+
+def test_a_skew_sensor_is_drawn_along_its_axis():
+    node, along = FRAME.geometry.locate(SKEW_TEXT)
+    assert node == 2
+    assert_allclose(along, [COS, SIN, 0])
+    assert FRAME.geometry.locate("3:ux - 2:ux") is None
+
+
+@pytest.mark.parametrize(
+    ("dofs", "error", "message"),
+    [
+        ([{"2:ux": 0.0, "2:uy": 1.0}, "1:ux"], ValueError, "dofs: .*other than 0"),
+        ([{"2:ux": "a"}, "1:ux"], TypeError, "dofs"),
+        ([SKEW, SKEW_TEXT], ValueError, "dofs: expected distinct"),
+    ],
+)
+def test_wrong_combinations_are_refused(dofs, error, message):
+    with pytest.raises(error, match=message):
+        ef.Measurements(HERTZ[:1], [[1.0], [2.0]], dofs=dofs)
+
+
+def test_a_combination_of_dofs_that_do_not_exist_names_them():
+    with pytest.raises(ValueError, match="'9:uy'.*did you mean|nodes with DOFs are"):
+        ef.PairedModel(FRAME, measured({"2:ux": COS, "9:uy": SIN}))
+    with pytest.raises(ValueError, match="each DOF once"):
+        frame(shapes={"a": {"2:ux": 1.0, "2:-ux": 0.5}})

@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 import emcee_femu as ef
+from emcee_femu.digits import show
 
 # A tower of two unit masses, whose modes are known: k1 = k2 = 10 N/m.
 GOLDEN = (1 + 5**0.5) / 2
@@ -28,6 +29,9 @@ ROOT = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
 NORMAL = ef.GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
 TERM = ef.FrequencyTerm([3.0], relative_sd=0.01)
 PLAIN = ef.LogPosterior(ROOT, TERM, NORMAL)
+
+
+TOLD = "How much the test tells about each parameter"
 
 
 def sample(posterior):
@@ -52,7 +56,7 @@ def write(tmp_path):
 
 
 def headings(page):
-    return re.findall("<h2>(.*?)</h2>", page)
+    return re.findall("<h2[^>]*>(.*?)</h2>", page)
 
 
 def said(page):
@@ -113,8 +117,8 @@ def test_each_experiment_of_a_joint_posterior_has_its_tables_and_figures(write):
     tests = {"empty": (ROOT, TERM), "loaded": (loaded, half)}
     run = sample(ef.LogPosterior.joint(tests, NORMAL))
     page = write(run)
+    assert ef.frequency_table(run)._repr_html_() in page
     for name in tests:
-        assert ef.frequency_table(run, experiment=name)._repr_html_() in page
         assert ef.figures.plot_predictive(run, experiment=name).axes
     with pytest.raises(ValueError, match="experiment: 'other'.*empty.frequency"):
         ef.figures.plot_predictive(run, experiment="other")
@@ -125,13 +129,14 @@ def test_the_first_page_has_ones_own_words_and_derived_quantities(plain, write):
     text |= {"conclusion": "it is", "project": "bridge 7", "date": "in May"}
     derived = {"fall": (lambda p: 100 * (1 - p["k"] / 12), "%")}
     page = write(plain, text=text, derived=derived)
-    first = said(page).partition(headings(page)[4])[0]
+    first, _, then = said(page).partition("The test")
+    assert [fact for fact in text.values() if fact not in first] == []
     found = ef.diagnose(plain)
-    facts = [*text.values(), found.chains.sentence, found.search.sentence]
-    assert [fact for fact in facts if fact not in first] == []
+    for statement in (found.chains, found.search, found.fit):
+        assert statement.sentence in then
     fall = 100 * (1 - ef.to_inference_data(plain)["posterior"]["k"].values / 12)
     ends = fall.mean(), *np.quantile(fall, [0.025, 0.975])
-    assert f"fall % {' '.join(f'{x:.4g}' for x in ends)}" in first
+    assert f"fall % {' '.join(show(ends, fall.std()))}" in first
 
 
 @pytest.mark.parametrize(
@@ -162,7 +167,7 @@ def test_samples_are_reported_with_what_they_know(plain, write, tmp_path):
     sampler = emcee.EnsembleSampler(8, 2, lambda x: -0.5 * float(x @ x))
     sampler.run_mcmc(np.random.default_rng(1).normal(size=(8, 2)), 60)
     whole, bare = {*headings(page)}, {*headings(write(sampler))}
-    assert len(whole - bare) == 2 and bare - whole == {"Correlations"}
+    assert whole - bare == {"Predictions", TOLD} and not bare - whole
 
 
 @pytest.mark.parametrize(("off", "short"), [(0.0, "certified"), (0.01, "corrected")])
@@ -206,7 +211,7 @@ TERMS = {
 @pytest.mark.parametrize("kind", TERMS)
 def test_terms_of_every_kind_are_described(kind, write):
     page = write(sample(ef.LogPosterior(*TERMS[kind], NORMAL)))
-    assert "Likelihood" in headings(page)
+    assert "Assumptions" in headings(page)
     assert page.count("<tr>") < 40  # many values are counted and not listed
 
 
@@ -214,3 +219,52 @@ def test_without_jinja_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "jinja2", None)
     with pytest.raises(ImportError, match=r"emcee_femu\[report\]"):
         ef.report(None, tmp_path / "report.html")
+
+
+def trust(page):
+    return re.findall('<p class="trust">(.*?)</p>', page, re.S)[0]
+
+
+def test_trust_is_said_in_one_plain_sentence_that_follows_the_diagnosis(plain, write):
+    """Of one ensemble, of several that agree, of a wrong model, and of two maxima."""
+    assert "runs agree" not in trust(write(plain))  # there is but one
+    agreed = trust(write(ef.run(PLAIN, seed=1)))
+    assert agreed == (
+        "4 independent runs agree; the model reproduces 1 of 1 measured values; no "
+        "second solution was found."
+    )
+    off = ef.FrequencyTerm([3.0, 4.0], relative_sd=0.01)
+    both = ef.FunctionModel(lambda p: [p["k"] ** 0.5, p["k"] ** 0.5], n_modes=2)
+    run = ef.run(ef.LogPosterior(both, off, NORMAL), seed=1)
+    assert "the model reproduces 0 of 2 measured values" in trust(write(run))
+    mirrored = ef.FunctionModel(lambda p: [(p["a"] - p["b"]) ** 2], n_modes=1)
+    prior = ef.GaussianPrior(["a", "b"], [0.0, 0.0], 1.0)
+    run = ef.run(ef.LogPosterior(mirrored, TERM, prior), seed=1)
+    assert "2 different solutions were found" in trust(write(run))
+    short = ef.run(PLAIN, ef.DEMCMove(), 16, 20, ensembles=2, seed=1)
+    assert "do not use these numbers yet" in trust(write(short)).lower()
+
+
+def test_the_model_is_described_by_its_own_numbers(write):
+    nodes = [(0, 0), (0, 3), (4, 3), (4, 0)]
+    bars = [(0, 1, "leg"), (1, 2, "leg"), (2, 3, "leg")]
+    leg = {"leg": ef.Section("E", rho=2.0, A=0.5, I=0.1)}
+    held = {0: "all", 3: "all"}
+    frame = ef.FrameModel(nodes, bars, leg, held, plane="xz", n_modes=1)
+    test = ef.FrequencyTerm(frame({"E": np.array([9.0])}).frequencies[0], beta=1e3)
+    prior = ef.GaussianPrior(["E"], [9.0], 1.0, [(1.0, 20.0)])
+    page = said(write(sample(ef.LogPosterior(frame, test, prior))))
+    for fact in ("4 nodes, 3 elements", "Held nodes 0, 3", "Free DOFs 6"):
+        assert fact in page
+    (mass,) = re.findall(r"Moving mass ([\d.]+)", page)
+    # The beam, and of each leg what its cubic moves of a top that does not turn: 13/35.
+    assert float(mass) == pytest.approx(4 + 2 * 3 * 13 / 35, rel=1e-3)
+
+
+def test_a_report_of_several_experiments_has_contents_that_lead_to_its_headings(write):
+    tests = {"first": (ROOT, TERM), "second": (ROOT, TERM)}
+    page = write(sample(ef.LogPosterior.joint(tests, NORMAL)))
+    links = re.findall('<li><a href="#(.*?)">(.*?)</a>', page)
+    assert len(links) > 5
+    for anchor, title in links:
+        assert f'<h2 id="{anchor}">{title}</h2>' in page

@@ -3,6 +3,7 @@
 import json
 import runpy
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import arviz as az
@@ -13,6 +14,7 @@ from scipy import stats
 
 import emcee_femu as ef
 from emcee_femu.likelihoods.residuals import (
+    MISFIT,
     NOT_JUDGED,
     RESEMBLES_NONE,
     SKIPPED,
@@ -20,7 +22,7 @@ from emcee_femu.likelihoods.residuals import (
     FitRecord,
 )
 from emcee_femu.results.fit import find_farthest, judge_data
-from emcee_femu.results.fit_modes import judge_modes
+from emcee_femu.results.fit_modes import find_suspects, judge_modes
 from emcee_femu.results.measured import read_measured
 
 SCRIPT = Path(__file__).parents[2] / "examples/benchmarks/fit_calibration.py"
@@ -107,6 +109,21 @@ def test_an_inferred_error_does_not_hide_a_sensor():
     assert named(found, "shape", "sensor") == "s6"
     right = target(NOISY, laws=laws, discrepancy="d")
     assert ef.diagnose(sample(right), 40).fit.status == "fits"
+
+
+@pytest.mark.parametrize(
+    ("status", "term", "count"),
+    [(MISFIT, "shape", 1), ("fits", "shape", 0), (MISFIT, "frequency", 0)],
+)
+def test_sensors_are_looked_at_where_all_shapes_together_do_not_fit(
+    status, term, count
+):
+    """An inferred error hides which mode or sensor it is."""
+    posterior = target(broken("turned"))
+    mode = FitRecord("fits", "", "shape", "mode", "1", mac=0.8)
+    whole = FitRecord(status, "", term, "term")
+    found = [*find_suspects(posterior, np.ones(1), [mode, whole])]
+    assert [record.label for record in found] == ["s4"] * count
 
 
 @pytest.mark.parametrize("shapes_compared", [True, False])
@@ -208,6 +225,16 @@ def test_chi2_of_shapes_is_that_of_the_term_and_of_a_fit_without_the_sensor():
         assert part.size == mask.sum()
     of_first = _add_up(residuals, residuals.places["mode"] == 1)
     assert of_first.size == (~np.isnan(measured[:, 0])).sum() - 1  # for its scale
+
+
+def test_a_group_is_farthest_out_only_where_chance_does_not_make_its_share():
+    mode = FitRecord("fits", "", "frequency", "mode", share=0.5)
+    by_chance = [replace(mode, label=str(i), p_share=0.06 + 0.1 * i) for i in range(9)]
+    assert not find_farthest(by_chance)
+    clear = replace(mode, label="clear", p_share=0.04)
+    clearest = replace(mode, label="clearest", p_share=0.004)
+    sensor = replace(clear, kind="sensor")
+    assert find_farthest([*by_chance, clear, sensor, clearest]) == [clearest, sensor]
 
 
 def test_residuals_of_a_covariance_are_those_of_each_frequency():
@@ -408,7 +435,7 @@ def test_a_report_prints_the_numbers_of_the_tables_and_of_the_verdict(tmp_path):
         assert count in ef.diagnose(source, 40 * (source is run)).fit.sentence
     assert count in page
     tae = frequencies.column("error % ")[-1]
-    assert f"mean error of the frequencies is {tae:.2f} %" in page
+    assert f"mean error of the frequencies is {tae:.2g} %" in page
     ratio = ef.parameter_table(idata).column("sd/prior sd")[0]
     assert_allclose(ratio, ef.identifiability(idata).sd_ratio[0], rtol=1e-12)
     assert frequencies._repr_html_() in page

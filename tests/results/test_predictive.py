@@ -10,6 +10,7 @@ from support.gradients import Crossing
 import emcee_femu as ef
 
 MEASURED = [10.0, 20.0, 40.0]
+PRIOR_OF_A = ef.IndependentPrior({"a": stats.norm(1.0, 0.1)})
 WIDTH = 2 * stats.norm.ppf(0.975)
 
 
@@ -182,5 +183,59 @@ def test_another_posterior_is_refused():
     idata = made(np.ones((1, 4, 3)))
     with pytest.raises(ValueError, match="posterior.*'b'"):
         ef.predictive_table(idata, posterior(("b",), beta=100.0))
-    with pytest.raises(ValueError, match="'freq"):
-        ef.predictive_table(idata, posterior(beta=100.0))
+
+
+ERRORS = np.array([0.3, 0.2, 0.1])
+
+
+def own(kind):
+    """Return a user's term of frequencies, whose deviations are of one kind."""
+
+    def deviations(parameters, response):
+        f = response.frequency  # as of what the model returns, a ModalSolution
+        r, sd = f - MEASURED, np.broadcast_to(ERRORS, f.shape)
+        if kind == "the other way":
+            return -r, sd
+        if kind in ("relative", "restored"):
+            return r / MEASURED, sd / MEASURED
+        return r, sd
+
+    def term(parameters, response):
+        r, sd = deviations(parameters, response)
+        return stats.norm.logpdf(r, 0, sd).sum(axis=1)
+
+    term.reads = {"frequency": ef.Variable({"mode": [1, 2, 3]}, "Hz")}
+    term.observed, term.name = {"frequency": np.array(MEASURED)}, "own"
+    if kind != "no Gaussian":
+        term.deviations = deviations
+    if kind == "restored":
+        term.restore = lambda r: np.array(MEASURED) * (1 + r)
+    return term
+
+
+@pytest.mark.parametrize("kind", ["plain", "the other way", "restored"])
+def test_new_measurements_of_a_users_term_are_the_models_values_with_its_errors(kind):
+    f = np.array(MEASURED) + np.linspace(-1, 1, 40_000)[:, None] * [0.5, 0.0, 0.0]
+    term = ef.LogPosterior(
+        ef.FunctionModel(lambda p: MEASURED, n_modes=3), own(kind), PRIOR_OF_A
+    ).terms[0]
+    stored, rng = ef.contracts.Stored(frequency=f), np.random.default_rng(3)
+    noise = term.replicate(rng, {"a": np.ones(len(f))}, stored)["frequency"] - f
+    assert_allclose(noise.mean(axis=0) / ERRORS, 0, rtol=0, atol=0.03)
+    assert_allclose(noise.std(axis=0), ERRORS, rtol=0.02)
+    assert abs(np.corrcoef(noise[:, 0], f[:, 0])[0, 1]) < 0.03
+
+
+@pytest.mark.parametrize("kind", ["relative", "no Gaussian"])
+def test_a_term_that_draws_nothing_leaves_the_rows_of_others_as_they_are(kind):
+    """Its own rows have the model's interval, and say neither yes nor no."""
+    model = ef.FunctionModel(lambda p: np.array(MEASURED) * p["a"], n_modes=3)
+    terms = [ef.FrequencyTerm(MEASURED, sd=ERRORS), own(kind)]
+    both = ef.LogPosterior(model, terms, PRIOR_OF_A)
+    alone = ef.LogPosterior(model, terms[:1], PRIOR_OF_A)
+    move = ef.DEMCMove()
+    run, other = (ef.run(p, move, 8, 200, ensembles=1, seed=2) for p in (both, alone))
+    table, usual = (ef.predictive_table(r) for r in (run, other))
+    assert table.column("inside") == [*usual.column("inside"), *3 * ["-"]]
+    assert_allclose(widths(table)[:3], widths(usual), rtol=0.25)
+    assert (widths(table)[3:] < widths(table)[:3]).all()

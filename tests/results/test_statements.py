@@ -88,7 +88,7 @@ def test_a_good_run_has_three_good_statements_and_what_is_not_known_is_said(good
         found = ef.diagnose(source)
         assert statuses(found) == ("converged", "searched", "fits")
         assert found.converged
-        assert f"one point in {run.search.points // 3:,}" in found.search.sentence
+        assert f"1 in {run.search.points // 3:,} points" in found.search.sentence
     assert statuses(ef.diagnose(path)) == ("converged", "searched", "not checked")
     assert ef.diagnose(list(run)[:1]).chains.status == "well mixed"
     chains = [backend(ar1([0.5, 0.5], 1_000, 8, seed)) for seed in range(4)]

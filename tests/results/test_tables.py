@@ -87,8 +87,6 @@ def test_parameter_table_equals_numbers_by_hand(idata):
     assert_allclose(engineer.column("before"), [np.nan, 1.5])
     assert_allclose(engineer.column("error %"), [np.nan, 20.0])
     assert "prior mean" not in engineer.columns
-    with pytest.raises(TypeError, match="nominal: .*true=.*before="):
-        ef.parameter_table(idata, nominal=true)
 
 
 FREQUENCY_SD = np.sqrt([(2.25 + 0.25 + 0.25 + 1 + 0 + 6.25) / 5, 2.5 / 5])
@@ -163,8 +161,20 @@ def test_the_frequencies_of_one_experiment_of_a_joint_posterior():
         assert_allclose(table.column("at mean parameters Hz")[:-1], expected, rtol=1e-9)
         last = tae(run, experiment=name)[1][-1]
         assert_allclose(table.column("error %  ")[-1], last, rtol=1e-9)
-    with pytest.raises(ValueError, match="loaded"):
-        ef.frequency_table(run)
+    every = ef.frequency_table(run, joint)
+    labels = ["empty, 1", "empty, 2", "empty, TAE", "loaded, 1", "loaded, TAE"]
+    assert every.column("mode") == labels
+    parts = [ef.frequency_table(run, joint, experiment=name) for name in tests]
+    for title in parts[0].columns[1:]:
+        column = [cell for part in parts for cell in part.column(title)]
+        assert_array_equal(every.column(title), column)
+    with pytest.raises(ValueError, match="published: .*loaded"):
+        ef.frequency_table(run, published={"a": [1.0]})
+    curves = [tae(run, experiment=name)[1] for name in tests]
+    (axes,) = ef.figures.plot_tae(run).axes
+    for name, curve, line in zip(tests, curves, axes.lines, strict=True):
+        assert line.get_label() == name
+        assert_allclose(line.get_ydata(), curve, rtol=1e-12)
 
 
 def test_measured_data_are_needed_for_an_error():

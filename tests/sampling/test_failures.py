@@ -222,3 +222,20 @@ def test_a_log_posterior_that_no_data_can_make_is_impossible_and_that_is_said_on
     exact = ef.run(cut(-np.inf), steps=20, ensembles=2, seed=1)
     for one, other in zip(found, exact, strict=True):
         assert_array_equal(one.get_chain(), other.get_chain())
+
+
+def test_few_lines_are_logged_however_many_solves_fail(caplog):
+    def seldom(p):
+        return noted(p) if p["k"] > 1 else [p["k"], 2.0]
+
+    caplog.set_level("WARNING", "emcee_femu")
+    model = ef.FunctionModel(seldom, n_modes=2)
+    prior = ef.IndependentPrior({"k": stats.uniform(0, 4)})
+    target = ef.LogPosterior(model, ef.FrequencyTerm([1.0, 2.0], beta=4.0), prior)
+    options = {"nwalkers": 12, "steps": 15, "ensembles": 1, "seed": 1}
+    found = ef.run(target, ef.DEMCMove(), **options | REJECT)
+    failed = sum(found.failures.causes.values())
+    assert failed > 50 and len(caplog.messages) < 10
+    with pytest.raises(ArithmeticError) as error:
+        ef.run(target, ef.DEMCMove(), **options)
+    assert "on_failure" in "".join(error.value.__notes__)

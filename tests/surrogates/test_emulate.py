@@ -161,7 +161,8 @@ def test_inferred_errors_are_no_inputs_of_the_emulator_nor_of_its_derivatives():
 
 
 @SLOW
-def test_modes_that_are_paired_are_emulated_in_units_of_their_errors():
+@pytest.mark.parametrize("dofs", [[0, 1, 2], [2, 1]])
+def test_modes_that_are_paired_are_emulated_in_units_of_their_errors(dofs):
     """Candidates, each with the error of its measured one; shapes tell the pairs."""
     K = {
         "a": np.diag([1.0, 0, 0]),
@@ -170,9 +171,9 @@ def test_modes_that_are_paired_are_emulated_in_units_of_their_errors():
     model = ef.MatrixModel(np.zeros((3, 3)), np.eye(3), K, n_modes=3, shapes=True)
     true = model({"a": np.array([1.1]), "b": np.array([0.9])})
     chosen = [2, 0]  # in another order than the model's, one of them not measured
-    measured = ef.Measurements(
-        np.sort(true.frequencies[0, chosen]), shapes=true.shapes[0][:, sorted(chosen)]
-    )
+    shapes = true.shapes[0][np.ix_(dofs, sorted(chosen))]
+    hertz = np.sort(true.frequencies[0, chosen])
+    measured = ef.Measurements(hertz, shapes=shapes, dofs=dofs)
     paired = ef.PairedModel(model, measured, candidates=3)
     frequencies = ef.FrequencyTerm(measured, sd=[0.002, 0.02])
     terms = [frequencies, ef.ShapeTerm(measured, delta=[0.1, 0.02])]

@@ -75,7 +75,7 @@ THIN = [[0.89, 0.01, 0.05, 0.05], *record()["mixture"][1:]]
 def test_a_healthy_run_is_converged_and_shows_its_modes(usual):
     found = ef.diagnose(as_arviz(usual, search=record()))
     assert found.converged and found.search.status == "searched"
-    assert "one point in 166" in found.search.sentence
+    assert "1 in 166 points" in found.search.sentence
     modes = found.maxima
     assert modes.weights.shape == (4, 2)
     # The switches have tau 3.

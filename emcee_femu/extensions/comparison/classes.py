@@ -107,7 +107,7 @@ def compare_models(
         >>> from emcee_femu.results.evidence import Evidence
         >>> one, four = Evidence(-12.3, 0.1, "known"), Evidence(-9.1, 0.1, "known")
         >>> print(compare_models({"one factor": one, "four factors": four}).conclusion)
-        Ahead: four factors; the evidence against one factor is strong.
+        Ahead: 'four factors'; the evidence against 'one factor' is strong.
     """
     found = _estimate(models)
     labels = sorted(found, key=lambda label: -found[label].log_evidence)
@@ -185,11 +185,11 @@ def _conclude(standings: Mapping[str, Standing]) -> str:
     first, *others = standings
     close = [label for label in others if not standings[label].decided]
     behind = ", ".join(
-        f"the evidence against {label} is {standings[label].strength}"
+        f"the evidence against {label!r} is {standings[label].strength}"
         for label in others
         if standings[label].decided
     )
-    lines = [f"Ahead: {first}; {behind}."]
+    lines = [f"Ahead: {first!r}; {behind}."]
     if close:
         lines = [
             f"Undecided between {', '.join([first, *close[:-1]])} and {close[-1]}: "

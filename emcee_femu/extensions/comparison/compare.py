@@ -3,14 +3,12 @@
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from warnings import warn
 
 import numpy as np
 
 from ... import checks
 from ...contracts import Floats, Move
 from ...moves import HamiltonianMove
-from ...moves.proposing import find_stock_fault
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import InferenceData, samples
 from ...results.diagnose import diagnose
@@ -119,7 +117,7 @@ def compare_moves(
     checks.instance("posterior", posterior, LogPosterior)
     ensembles = checks.whole_number("ensembles", ensembles, 2)
     seed = checks.whole_number("seed", seed)
-    weighted = _weigh(moves, posterior)
+    weighted = _weigh(moves)
     if nwalkers is None:
         nwalkers = max(check_walkers(None, w, posterior) for w in weighted.values())
     for pairs in weighted.values():
@@ -167,24 +165,14 @@ def compare_moves(
 
 
 def _weigh(
-    moves: Mapping[str, Moves | str], posterior: LogPosterior
+    moves: Mapping[str, Moves | str],
 ) -> dict[str, list[tuple[Move, float]] | None]:
-    """Return the weighted moves by label, None for "auto"; refuse what is no move.
-
-    Warns:
-        UserWarning: If one of emcee's moves samples wrongly.
-    """
+    """Return the weighted moves by label, None for "auto"; refuse what is no move."""
     weighted: dict[str, list[tuple[Move, float]] | None] = {}
-    faults = []
     example = "moves, such as {'DE-MC': DEMCMove()}"
     for label, move in checks.by_label("moves", moves, example).items():
         auto = isinstance(move, str) and move == "auto"
         weighted[label] = None if auto else weigh_moves(move, f"moves[{label!r}]")
-        for single, _ in weighted[label] or ():
-            if fault := find_stock_fault(single, posterior.ndim):
-                faults.append(f"{label}: {fault}")
-    if faults:
-        warn("; ".join(dict.fromkeys(faults)), UserWarning, stacklevel=3)
     return weighted
 
 

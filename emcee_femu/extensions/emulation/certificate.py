@@ -11,7 +11,7 @@ from ...results.arviz_objects import InferenceData, groups, unit_of, wrap
 from ...results.to_arviz import convert, judge_samples, pick_some, store_fit
 from ...search.importance import GOOD_K
 from ...search.record import Chains
-from ...table import Parts, Report, Table, unit_column
+from ...table import Parts, Report, Table, number_columns
 from ...verdict.verdict import Statement
 
 # Efficiency above which weights are so equal that their tail is no matter.
@@ -35,6 +35,8 @@ class Certificate(Report):
         failed_solves: Number of solves that failed and counted as zero likelihood.
         efficiency: Effective share of the weights (Kish): 1 if all are equal.
         effective: Number of independent draws that the weighted draws are worth.
+        settled: Whether the emulator ended within its tolerance; None where that is
+            not known, as of an ArviZ object.
         pareto_k: Pareto k of the weights; infinite for fewer than 25 of them.
         largest: The largest weight, divided by the mean weight.
         mean: Means of the true posterior, ``(d,)``.
@@ -65,6 +67,7 @@ class Certificate(Report):
     failed_solves: int
     efficiency: float
     effective: float
+    settled: bool | None
     pareto_k: float
     largest: float
     mean: Floats
@@ -163,25 +166,38 @@ class Certificate(Report):
                 f"independent ones, and {needed} are needed; {better}, or certify with "
                 f"{-(-more // 10) * 10:.0f} solves"
             )
+        if self.settled is False:
+            return (
+                "the solves of emulate were spent before its errors were within the "
+                "tolerance, so that it may deny what none of its draws shows; emulate "
+                "with more solves"
+            )
         return ""
 
     @property
     def table(self) -> Table:
         """Emulated and true moments, errors and differences, one row per parameter."""
         shift = (self.mean - self.emulated_mean) / self.sd
-        units = [unit_of(self.idata, name) for name in self.names]
+        error, sd_error = self.mean_error, self.sd_error
+        unit, numbers = number_columns(
+            [unit_of(self.idata, name) for name in self.names],
+            [
+                ("emulated mean", self.emulated_mean, error),
+                ("mean", self.mean, error),
+                ("+-", error, error),
+                ("emulated sd", self.emulated_sd, sd_error),
+                ("sd", self.sd, sd_error),
+                ("+- ", sd_error, sd_error),
+            ],
+        )
         return Table.from_columns(
             f"Certificate by {self.solves} full solves",
             [
                 ("parameter", "", list(self.names)),
-                *unit_column(units),
-                ("emulated mean", ".5g", self.emulated_mean),
-                ("mean", ".5g", self.mean),
-                ("+-", ".2g", self.mean_error),
+                *unit,
+                *numbers[:3],
                 ("shift/sd", "+.3f", shift),
-                ("emulated sd", ".4g", self.emulated_sd),
-                ("sd", ".4g", self.sd),
-                ("+- ", ".2g", self.sd_error),
+                *numbers[3:],
                 ("sd off by %", "+.1f", 100 * (self.emulated_sd / self.sd - 1)),
             ],
         )

@@ -19,7 +19,7 @@ from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import InferenceData, dataset, samples
 from ...results.diagnose import diagnose
 from ...results.fit import SOLVED_AGAIN, needs_solves
-from ...results.to_arviz import check_sampled, to_inference_data
+from ...results.to_arviz import check_sampled, read_samples
 from ...search.climbing import Maximum, climb
 from ...search.importance import GOOD_K, kish_share, smooth_tail
 from ...verdict.burn_in import FEWEST_STEPS
@@ -31,6 +31,7 @@ from ...verdict.verdict import (
     Statement,
 )
 from .certificate import EQUAL_WEIGHTS, Certificate
+from .emulated import EmulatedModel
 from .emulated_chain import (
     EmulatedChain,
     compare_bounds,
@@ -44,6 +45,10 @@ JUDGED_SHARE = 10  # of the solves, at least, for each that judges the fit
 SEARCH_SHARE, MOST_SEARCH_SOLVES = 4, 30
 FIRST_CLIMBS = 8  # starts that are sorted by height
 FEWEST_CLIMB_STEPS = 3  # steps; shorter climbs are not counted
+UNKNOWN = (
+    "These samples do not say whether the emulator ended within its tolerance: certify "
+    "the run itself."
+)
 MOMENTS = "mean", "mean_error", "sd", "sd_error", "off_error"  # in their order
 
 
@@ -152,7 +157,7 @@ def certify(
         >>> certificate.short, certificate.solves <= 60
         ('certified', True)
     """
-    idata = to_inference_data(idata)
+    idata, approximate = read_samples(idata, judged=True)
     check_sampled(posterior, samples(idata)[0])
     solves = checks.whole_number("solves", solves, FEWEST_SOLVES)
     seed = checks.whole_number("seed", seed)
@@ -194,12 +199,15 @@ def certify(
     if (failed := evaluator.failed - climbed) > max_failures * n:
         faults.append(f"{failed} of {n} draws could not be solved")
     notes = _note(chain, n, len(maxima), lost, evaluator.failed)
+    if (settled := _has_settled(approximate)) is None:
+        notes = [*notes, UNKNOWN]
     certificate = Certificate(
         names=chain.names,
         solves=evaluator.solves,
         failed_solves=evaluator.failed,
         efficiency=efficiency,
         effective=n * efficiency / chain.excess(n),
+        settled=settled,
         pareto_k=pareto_k,
         largest=float(n * weights.max()) if possible else np.inf,
         **dict(zip(MOMENTS, moments, strict=True)),
@@ -215,6 +223,14 @@ def certify(
         idata=idata,
     )
     return certificate.sealed(posterior, rows, emulated, again)
+
+
+def _has_settled(approximate: LogPosterior | None) -> bool | None:
+    """Return whether all emulators ended within tolerance; None if none is known."""
+    experiments = approximate.experiments if approximate else ()
+    models = [getattr(e.paired, "model", e.model) for e in experiments]
+    emulators = [model for model in models if isinstance(model, EmulatedModel)]
+    return all(model.settled for model in emulators) if emulators else None
 
 
 def _look_elsewhere(

@@ -29,6 +29,7 @@ from .problem import FEWEST_FITTED, EmulationProblem, first_points
 
 UNITS = 8  # points at which measurement errors are taken from the terms
 MORE = 4  # points of the first design beyond d: a linear trend needs d + 1
+TOLERANCE = 0.1  # true error, in measurement errors, that hardly shifts a posterior
 SETTLED = 2  # consecutive rounds whose true error must be small
 # True error above which a wider, tempered posterior is drawn from.
 LARGE_TRUE_ERROR = 3.0
@@ -52,7 +53,7 @@ def emulate(
     pool: object = None,
     backend: str | PathLike[str] | None = None,
     resume: bool = False,
-    tolerance: float = 0.1,
+    tolerance: float = TOLERANCE,
     derivatives: bool = True,
     starts: ArrayLike | None = None,
     cheap: Sequence[str] | None = None,
@@ -261,6 +262,14 @@ class _Emulation:
             ("solves", "predicted error", "true error", "effective draws"),
             ("d", ".3g", ".3g", ".0f"),
             tuple(history),
+        )
+        promise = tolerance or TOLERANCE  # of 0, which spends all solves
+        last = [error for _, _, error, _ in history[:-1]][-SETTLED:]
+        close = len(last) == SETTLED and max(last) <= promise
+        emulator = replace(
+            emulator,
+            failed_solves=self.evaluator.failed,
+            settled=close and draws.predicted <= SURPRISE * promise,
         )
         posterior = self.problem.replace_model(emulator)
         posterior.draws = draws.members

@@ -55,6 +55,9 @@ class EmulatedModel(Report):
         processes: The Gaussian processes, in scaled coordinates: common to all outputs,
             or for blocks of outputs with their own lengths.
         solves: Total number of solves of the full model.
+        failed_solves: How many of these failed.
+        settled: Whether :func:`.emulate` ended because errors were below its tolerance;
+            False if its solves were spent before.
         factor: Factor by which the model may err more than the processes predict.
         history: One row per round: solves, predicted and true error in units of
             measurement error.
@@ -69,6 +72,8 @@ class EmulatedModel(Report):
     solves: int
     _scale: tuple[Floats, Floats]  # mean and standard deviation of coordinates
     _logs: NDArray[np.bool_]  # parameters seen by logarithms, (d,)
+    failed_solves: int = 0
+    settled: bool = False
     factor: float = 1.0
     history: Table | None = None
     posterior: LogPosterior | None = None
@@ -88,6 +93,7 @@ class EmulatedModel(Report):
         yield (
             f"{self.outputs.size} outputs of {len(self.names)} parameters emulated "
             f"from {len(values)} points, {self.solves} full solves, {how}"
+            + (f"; {self.failed_solves} solves failed" if self.failed_solves else "")
             + (f"; logarithms of {', '.join(logs)}" if logs else "")
             + ("; each block by lengths of its own" if len(self.processes) > 1 else "")
             + (f"; {len(self.history.rows)} rounds" if self.history else "")
@@ -211,6 +217,16 @@ class EmulatedExperiments(Report):
     def solves(self) -> int:
         """Total number of solves of all full models that were emulated."""
         return sum(model.solves for model in self.models.values())
+
+    @property
+    def failed_solves(self) -> int:
+        """How many of these failed."""
+        return sum(model.failed_solves for model in self.models.values())
+
+    @property
+    def settled(self) -> bool:
+        """Whether every emulation ended because errors were below its tolerance."""
+        return all(model.settled for model in self.models.values())
 
     def _parts(self) -> Parts:
         for name, model in self.models.items():

@@ -208,8 +208,9 @@ class EmulationProblem:
 
     def compared(self, response: Named) -> Response:
         """Return a response as the terms see it, paired."""
-        modal = as_modal(response)
-        return modal if self.paired is None else self.paired.pair(modal)
+        if self.paired is not None:  # whose candidates are recorded at the sensors
+            return self.paired.match(response["frequency"], response["shapes"])
+        return as_modal(response)
 
     def doubt(self, recorded: Named) -> list[str]:
         """Say what is far from the measured at all solves of a first design.

@@ -29,6 +29,8 @@ FRF, COHERENCE = 4, 6  # types of functions
 UNKNOWN_ORDINATES = (0, 1)  # types of ordinates: unknown and general
 ORDINATES = {8: "receptance", 11: "mobility", 12: "accelerance"}
 FORCE, FREQUENCY, IEEE = 13, 18, 2
+EVEN = 1  # spacing of the abscissa
+VALUES_PER_LINE = 6  # of a data set 58, at most
 UFF_DIRECTIONS = range(-6, 7)  # 0: not stated, or a scalar
 ENDS = "rsp", "ref"
 DataSet: TypeAlias = Mapping[str, Any]  # as pyuff reads it
@@ -296,6 +298,7 @@ def _read_uff58(path: Path, averages: int | None, kind: str | None) -> dict[str,
             others.add(function)
             continue
         data = _ask(place, partial(file.read_sets, i))
+        data = _cut_padding(data)
         _check_function(place, data)
         if lines is None:
             lines = np.asarray(data["x"], dtype=float)
@@ -359,6 +362,15 @@ def _ask(place: Path, call: Callable[[], Any]) -> Any:
         return call()
     except Exception as error:  # the class that pyuff raises for whatever goes wrong
         raise ValueError(f"{place}: pyuff cannot read it ({error})") from error
+
+
+def _cut_padding(data: DataSet) -> DataSet:
+    """Return an evenly spaced function without what fills its last line."""
+    points, values = int(data["num_pts"]), data["data"]
+    even = data.get("abscissa_spacing") == EVEN
+    if not even or not 0 < len(values) - points < VALUES_PER_LINE:
+        return data
+    return {**data, "data": values[:points], "x": data["x"][:points]}
 
 
 def _check_function(place: str, data: DataSet) -> None:

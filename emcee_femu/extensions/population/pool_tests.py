@@ -8,6 +8,8 @@ from scipy import special, stats
 
 from ... import checks
 from ...contracts import Floats, Reported
+from ...digits import show
+from ...likelihoods.residuals import FITS
 from ...posterior.log_posterior import LogPosterior
 from ...posterior.priors import GaussianPrior, IndependentPrior
 from ...results.arviz_objects import InferenceData, samples, unit_of
@@ -18,6 +20,7 @@ from ...sampling.record import Run
 from ...sampling.run import run
 from ...search.importance import GOOD_K, kish_share, pareto_k
 from ...table import Column, Parts, Report, Table
+from ...verdict.verdict import Statement
 from .normal import (
     LEAST_DENSITY,
     Draws,
@@ -55,6 +58,8 @@ class PooledTests(Report):
             draws of the tests, ``(2, p)``; from resampling blocks of these draws with
             replacement.
         verdict: The verdict of :func:`.diagnose` on the chains.
+        fits: What :func:`.diagnose` says of the fit of each test at its own samples,
+            ``{test: Statement}``.
     """
 
     population: NormalPopulation
@@ -67,6 +72,7 @@ class PooledTests(Report):
     effective: Floats
     monte_carlo: Floats
     verdict: str
+    fits: Mapping[str, Statement]
 
     def reported(self) -> Reported:
         """Return the contents of a report on the tests and their population."""
@@ -182,16 +188,22 @@ class PooledTests(Report):
         """Means, spreads and slopes of the population, and a next test."""
         sampled = {n: self.idata.posterior[n].values.ravel() for n in self.model.names}
         coming = {f"next test's {n}": values for n, values in self.next_test().items()}
-        rows = [
-            (name, values.mean(), values.std(ddof=1), *np.quantile(values, INTERVAL))
-            for name, values in (sampled | coming).items()
-        ]
+        draws = [*(sampled | coming).values()]
+        sd = np.array([x.std(ddof=1) for x in draws])
+        low, high = np.array([np.quantile(x, INTERVAL) for x in draws]).T
         title = f"Population of {len(self.tests)} tests"
         averages = [f"{name} = {x:.4g}" for name, x in self.population.averages.items()]
         if averages:
             title += f"; means and the next test at {', '.join(averages)}"
-        columns = ("parameter", "mean", "sd", "2.5 %", "97.5 %")
-        return Table(title, columns, ("", ".5g", ".3g", ".5g", ".5g"), tuple(rows))
+        its = [
+            ("mean", np.array([x.mean() for x in draws])),
+            ("sd", sd),
+            ("2.5 %", low),
+            ("97.5 %", high),
+        ]
+        columns: list[Column] = [("parameter", "", [*(sampled | coming)])]
+        columns += [(column, show(values, sd), values) for column, values in its]
+        return Table.from_columns(title, columns)
 
     @property
     def test_table(self) -> Table:
@@ -199,21 +211,25 @@ class PooledTests(Report):
         columns: list[Column] = [("test", "", list(self.tests))]
         for i, name in enumerate(self.population.names):
             alone = [test.theta[:, i] for test in self.model.tests.values()]
+            mean, sd = np.array([(x.mean(), x.std()) for x in alone]).T
+            pooled = self.theta[:, :, i]
+            its_mean, its_sd = pooled.mean(axis=0), pooled.std(axis=0)
             columns += [
-                (f"{name} alone", ".5g", [float(x.mean()) for x in alone]),
-                ("sd", ".3g", [float(x.std()) for x in alone]),
-                (f"{name} pooled", ".5g", self.theta[:, :, i].mean(axis=0)),
-                ("sd ", ".3g", self.theta[:, :, i].std(axis=0)),
+                (f"{name} alone", show(mean, sd), mean),
+                ("sd", show(sd, sd), sd),
+                (f"{name} pooled", show(its_mean, its_sd), its_mean),
+                ("sd ", show(its_sd, its_sd), its_sd),
             ]
         columns += [
             ("Pareto k", ".2f", self.pareto_k),
             ("effective draws", ".0f", self.effective),
+            ("fit alone", "", [fit.status for fit in self.fits.values()]),
         ]
         return Table.from_columns("Tests, each alone and given all tests", columns)
 
     @property
     def conclusion(self) -> str:
-        """What to do about tests out of reach and about the chains."""
+        """What to do about tests that do not fit or are out of reach, and of chains."""
         worst = f"(Pareto k up to {self.pareto_k.max():.2f})"
         reach = f"The draws of every test reach where the population puts it {worst}."
         if self.unreached:
@@ -233,7 +249,12 @@ class PooledTests(Report):
                 f"{error:.2g} posterior standard deviations; run the tests longer, and "
                 f"give draws={int(np.ceil((error / SMALL_SHIFT) ** 2)) * used}."
             )
-        return f"{reach}\n{self.verdict}"
+        doubted = [
+            f"{test}, by itself: {fit.sentence}"
+            for test, fit in self.fits.items()
+            if fit.status != FITS
+        ]
+        return "\n".join([*doubted, reach, self.verdict])
 
     def _parts(self) -> Parts:
         return self.table, self.test_table, self.conclusion
@@ -313,7 +334,7 @@ def pool_tests(
     checks.instance("population", population, NormalPopulation)
     number = checks.whole_number("draws", draws, 100)
     steps = checks.whole_number("steps", steps, 1)  # None would be as many as needed
-    names = tuple(population.names)
+    names, sources = tuple(population.names), {**tests}
     by_test = read_tests(tests, names, number)
     for name, values in population.covariates.items():
         if {*values} != {*by_test}:
@@ -330,18 +351,19 @@ def pool_tests(
     first = next(iter(tests.values()))
     pairs = [(name, unit_of(first, name)) for name in names if unit_of(first, name)]
     units = {f"{what} {name}": unit for name, unit in pairs for what in ("mean", "sd")}
-    pooled = _pool(by_test, complete, seed, steps, ensembles, units)
+    pooled = _pool(sources, by_test, complete, seed, steps, ensembles, units)
     renewed = [test for test in pooled.unreached if test in again]
     for test in renewed:
         under = pooled.under_population(test, again[test])
-        idata = to_inference_data(run(under, "auto", steps=1_000, seed=seed))
-        by_test |= read_tests({**tests, test: idata}, names, number)
+        sources[test] = to_inference_data(run(under, "auto", steps=1_000, seed=seed))
     if renewed:
-        pooled = _pool(by_test, complete, seed, steps, ensembles, units)
+        by_test = read_tests(sources, names, number)
+        pooled = _pool(sources, by_test, complete, seed, steps, ensembles, units)
     return pooled
 
 
 def _pool(
+    sources: Mapping[str, InferenceData],
     tests: Mapping[str, Draws],
     population: NormalPopulation,
     seed: int,
@@ -360,8 +382,8 @@ def _pool(
     term = PopulationTerm(model.variables)
     posterior = LogPosterior(model, term, population.prior, units)
     sampled = run(posterior, steps=steps, ensembles=ensembles, seed=seed)
-    idata = to_inference_data(sampled)
-    names, chains = samples(idata)
+    pooled = to_inference_data(sampled)
+    names, chains = samples(pooled)
     flat = chains.reshape(-1, len(names))
     rng = np.random.default_rng(seed)
     few = len(flat) < POPULATION_DRAWS
@@ -391,13 +413,14 @@ def _pool(
         population=population,
         model=model,
         run=sampled,
-        idata=idata,
+        idata=pooled,
         hyperdraws=hyperdraws,
         theta=theta,
         pareto_k=k,
         effective=effective,
         monte_carlo=np.std(again, axis=0) / flat.std(axis=0),
-        verdict=f"Chains: {diagnose(idata).chains.sentence}",
+        verdict=f"Chains: {diagnose(pooled).chains.sentence}",
+        fits={test: diagnose(idata).fit for test, idata in sources.items()},
     )
 
 

@@ -4,6 +4,7 @@
 """
 
 import platform
+import re
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import date
@@ -18,6 +19,7 @@ import numpy as np
 
 from ... import checks
 from ...contracts import Floats, Parameters, Reported, read_declared
+from ...digits import show
 from ...likelihoods.shape import ShapeTerm
 from ...posterior.experiments import Experiment
 from ...posterior.log_posterior import LogPosterior
@@ -43,15 +45,18 @@ from ...results.tables import (
 )
 from ...results.to_arviz import read_samples
 from ...sampling.record import Run
-from ...table import Column, Report, Table, unit_column
+from ...table import Column, Report, Table, number_columns
+from .facts import TELLING, choose_telling, describe_model, say_trust, tabulate_result
 
 Figure: TypeAlias = Any  # of matplotlib, which figures import
 Pictures: TypeAlias = list[tuple[str, Figure]]  # each with its experiment
 Derived: TypeAlias = Mapping[str, tuple[Callable[[Parameters], Floats], str]]
 
 MOST_ROWS = 40  # of a table; figures show the rest
+SHAPE_ERROR = 0.01  # by which measured shapes are printed
 MOST_PAIRED = 6  # parameters that a scatter figure shows at page width
 PRIOR_DRAWN = 20_000  # draws, for the ends of its intervals
+CONTENTS = "[contents]"  # where they will be
 TEXTS = ("author", "project", "date", "structure", "question", "conclusion")
 LIBRARIES = ("emcee-femu", "emcee", "numpy", "scipy", "arviz", "matplotlib")
 
@@ -121,17 +126,7 @@ def report(
         raise ImportError(
             'a report needs Jinja2: pip install "emcee_femu[report]"'
         ) from None
-    path = Path(checks.file_name("path", path))
-    if path.suffix.lower() not in (".html", ".htm"):
-        raise ValueError(
-            f"path: expected the name of an HTML file, such as {path.stem}.html, got "
-            f"{path.name!r}; a browser prints it to PDF"
-        )
-    checks.text("title", title)
-    said = {} if text is None else checks.by_label("text", text, "{'author': text}")
-    for key, words in said.items():
-        checks.one_of("text", key, TEXTS)
-        checks.text(f"text[{key!r}]", words)
+    path, said = _check_words(path, title, text)
     result = source
     tell: Callable[[], Reported | None] = getattr(source, "reported", lambda: None)
     if told := tell():
@@ -143,6 +138,7 @@ def report(
     experiments = sampled.experiments if sampled else ()
     held = groups(idata)
     measured = read_measured(idata)
+    judged = diagnose(run or idata, discard if run else None)
     with_frequencies = _find_places((part.name for part in measured), "frequency")
     frequencies = [frequency_table(idata, experiment=e) for e in with_frequencies]
     with_pairs = _find_places(map(str, held.get("response", ())), "mac")
@@ -151,6 +147,7 @@ def report(
     template = Path(__file__).with_name("report.html.jinja").read_text("utf-8")
     page = environment.from_string(template).render(
         title=title,
+        contents=CONTENTS,
         said=dict.fromkeys(TEXTS, "") | {"date": str(date.today())} | said,
         names=samples(idata)[0],
         versions={library: version(library) for library in LIBRARIES},
@@ -171,8 +168,13 @@ def report(
         laws=list_laws(sampled.prior) if sampled else (),
         chains=read_chains(idata),
         run=run,
-        diagnosis=diagnose(run or idata, discard if run else None),
+        diagnosis=judged,
         certificate=held["certificate"].attrs if "certificate" in held else None,
+        outcome=tabulate_result(idata),
+        trust=say_trust(judged, measured),
+        models=[
+            (e.name, [*describe_model(e, sampled)]) for e in experiments if sampled
+        ],
         parameters=parameter_table(
             idata, var_names=[*map(str, idata["posterior"].data_vars)]
         ),
@@ -180,7 +182,8 @@ def report(
         frequencies=[*zip(with_frequencies, frequencies, strict=True)],
         pictures=dict(_draw_all(idata, sampled, measured, result, own)),
         predicted=_tabulate_predictions(idata, sampled, measured),
-        pairings=[pairing_table(idata, e) for e in with_pairs],
+        fitted=frequency_table(idata) if frequencies else None,
+        pairings=pairing_table(idata) if with_pairs else None,
         identifiability=(
             identifiability(idata) if "constant_data" in held and not own else None
         ),
@@ -191,8 +194,38 @@ def report(
         given_text=bool(text),
         discard=discard,
     )
-    path.write_text(page, encoding="utf-8")
+    path.write_text(_list_contents(page, len(experiments) > 1), encoding="utf-8")
     return path
+
+
+def _check_words(
+    path: str | PathLike[str], title: str, text: Mapping[str, str] | None
+) -> tuple[Path, dict[str, str]]:
+    """Return the file's path and what the user says, refusing what is no text."""
+    path = Path(checks.file_name("path", path))
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise ValueError(
+            f"path: expected the name of an HTML file, such as {path.stem}.html, got "
+            f"{path.name!r}; a browser prints it to PDF"
+        )
+    checks.text("title", title)
+    said = {} if text is None else checks.by_label("text", text, "{'author': text}")
+    for key, words in said.items():
+        checks.one_of("text", key, TEXTS)
+        checks.text(f"text[{key!r}]", words)
+    return path, dict(said)
+
+
+def _list_contents(page: str, long: bool) -> str:
+    """Give headings their anchors, and a long report a list of them."""
+    titles = re.findall("<h2>(.*?)</h2>", page)
+    for number, title in enumerate(titles):
+        page = page.replace(f"<h2>{title}", f'<h2 id="{number}">{title}', 1)
+    entries = (f'<li><a href="#{i}">{title}</a></li>' for i, title in enumerate(titles))
+    listed = (
+        f'<h2 id="contents">Contents</h2><ol class="contents">{"".join(entries)}</ol>'
+    )
+    return page.replace(CONTENTS, listed if long else "", 1)
 
 
 def _find_places(names: Iterable[str], quantity: str) -> list[str | None]:
@@ -231,10 +264,10 @@ def _tabulate_measured(part: Measured, posterior: LogPosterior | None) -> Table:
     unit, values, sd = f" {part.unit}".rstrip(), part.values, part.sd(posterior)
     columns: list[Column] = [
         (part.dims or "quantity", "", part.labels if part.dims else [part.name]),
-        (f"measured{unit}", ".6g", values),
+        (f"measured{unit}", show(values, sd), values),
     ]
     if np.isfinite(sd).any():
-        columns.append((f"standard deviation{unit}", ".3g", sd))
+        columns.append((f"standard deviation{unit}", show(sd, sd), sd))
     if len(values) > MOST_ROWS:
         columns = [
             ("values", "d", [len(values)]),
@@ -257,7 +290,8 @@ def _tabulate_shapes(experiment: Experiment) -> Iterator[Table]:
         if len(shapes) > MOST_ROWS:
             continue
         sensors = sensors or [*map(str, range(1, 1 + len(shapes)))]
-        modes = [(f"mode {i}", ".3f", shape) for i, shape in enumerate(shapes.T, 1)]
+        named = ((f"mode {i}", shape) for i, shape in enumerate(shapes.T, 1))
+        modes = [(title, show(shape, SHAPE_ERROR), shape) for title, shape in named]
         yield Table.from_columns(title, [("sensor", "", sensors), *modes])
 
 
@@ -268,15 +302,18 @@ def _tabulate_priors(idata: InferenceData, posterior: LogPosterior | None) -> Ta
     if posterior is not None:
         draws = posterior.prior.sample(np.random.default_rng(0), PRIOR_DRAWN)
     _, low, high = summarize(draws)
-    columns: list[Column] = [("parameter", "", names)]
-    columns += unit_column(unit_of(idata, name) for name in names)
-    columns += [
-        ("prior mean", ".4g", prior["prior_mean"].values),
-        ("2.5 %", ".3g", low),
-        ("97.5 %", ".3g", high),
-        ("lower bound", ".4g", prior["lower"].values),
-        ("upper bound", ".4g", prior["upper"].values),
-    ]
+    sd = prior["prior_sd"].values
+    unit, numbers = number_columns(
+        (unit_of(idata, name) for name in names),
+        [
+            ("prior mean", prior["prior_mean"].values, sd),
+            ("2.5 %", low, sd),
+            ("97.5 %", high, sd),
+            ("lower bound", prior["lower"].values, np.nan),
+            ("upper bound", prior["upper"].values, np.nan),
+        ],
+    )
+    columns: list[Column] = [("parameter", "", names), *unit, *numbers]
     return Table.from_columns("Parameters before the test", columns)
 
 
@@ -292,10 +329,11 @@ def _tabulate_derived(idata: InferenceData, derived: Derived) -> Table:
         rows[name] = checks.real_array(argument, function(draws))
         checks.shaped(argument, rows[name].shape, (size,), remedy="one by sample")
         units.append(unit)
-    columns: list[Column] = [("quantity", "", [*rows]), *unit_column(units)]
-    values = summarize(np.column_stack([*rows.values()]))
-    titles = zip(("mean", "2.5 %", "97.5 %"), values, strict=True)
-    columns += [(title, ".4g", row) for title, row in titles]
+    values = np.column_stack([*rows.values()])
+    titles = zip(("mean", "2.5 %", "97.5 %"), summarize(values), strict=True)
+    sd = values.std(axis=0, ddof=1)
+    unit, numbers = number_columns(units, [(title, row, sd) for title, row in titles])
+    columns: list[Column] = [("quantity", "", [*rows]), *unit, *numbers]
     return Table.from_columns("Derived quantities", columns)
 
 
@@ -330,7 +368,15 @@ def _draw_all(
     yield "mac", [(test.name, drawn(test.name or None)) for test in paired]
     placed = [t for t in paired if read_declared(t.model, "geometry") is not None]
     drawn = partial(figures.plot_shapes, idata, posterior)
-    yield "shapes", [(t.name, drawn(experiment=t.name or None)) for t in placed]
+    mean, first = samples(idata)[1].mean(axis=(0, 1)), []
+    for test in placed:
+        assert posterior is not None
+        modes = choose_telling(measured, posterior, test, mean)
+        one = drawn(modes=modes, experiment=test.name or None, structure=True)
+        first.append((test.name, one))
+    yield "first", first
+    many = [t for t in placed if t.paired and t.paired.measurements.n_modes > TELLING]
+    yield "shapes", [(t.name, drawn(experiment=t.name or None)) for t in many]
     yield "parameters", [("", figures.plot_prior_posterior(idata, posterior))]
     d = len(samples(idata)[0])
     plot = figures.plot_scatter if d <= MOST_PAIRED else figures.plot_correlation
