@@ -92,18 +92,20 @@ class Proposal:
     def separate(self) -> Labels:
         """Return the maximum of each component of the law; of several that overlap one.
 
-        A carrier may span several maxima: it belongs to that of the nearest other
-        component, and joins none. The defensive component belongs to none.
+        A carrier may span several maxima, and joins none. What was added for tails or
+        carriers makes no maximum of its own: it belongs to that of the nearest
+        component which was fitted. The defensive component belongs to none.
         """
         means, matrices = self.core.means, self.core.matrices
         apart, sums = means[:, None] - means, matrices[:, None] + matrices
         solved = np.linalg.solve(sums, apart[..., None]).squeeze(-1)
         squares = np.einsum("ijd,ijd->ij", apart, solved)
-        local = np.flatnonzero(self.kinds != CARRIER)
-        joined = squares[np.ix_(local, local)] < MAXIMA_APART
+        local, fitted = self.kinds != CARRIER, np.flatnonzero(self.kinds == CORE)
+        joined = (squares < MAXIMA_APART) & local & local[:, None]
         groups = connected_components(joined, directed=False)[1]
+        owners = groups[fitted[squares[:, fitted].argmin(axis=1)]]
         labels = np.full(len(self.law_kinds), NO_MAXIMUM, dtype=np.intp)
-        labels[self.law_kinds != DEFENSIVE] = groups[squares[:, local].argmin(axis=1)]
+        labels[self.law_kinds != DEFENSIVE] = np.unique(owners, return_inverse=True)[1]
         return labels
 
 

@@ -69,3 +69,10 @@ def test_a_carrier_that_spans_two_maxima_joins_them_not_but_a_tail_between_does(
     assert with_carrier[4] in before and with_carrier[5] == -1
     with_tail = Proposal.fitted(CORE).extended(wide, TAIL).separate()
     assert with_tail[0] == with_tail[2] != with_tail[3]
+
+
+def test_a_tail_makes_no_maximum_of_its_own():
+    """Slabs of a funnel, of which none overlaps the body, are the tail of one."""
+    slabs = [Component(0.05, np.array([9.0, y]), np.eye(2)) for y in (14, 16, 18)]
+    labels = Proposal.fitted(CORE).extended(slabs, TAIL).separate()
+    assert labels.max() == 2 and (labels[4:7] == labels[2]).all()
