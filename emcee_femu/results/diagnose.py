@@ -10,17 +10,17 @@ import numpy as np
 from ..likelihoods.residuals import FitRecord
 from ..search.maxima import HITS
 from ..search.record import Chains
-from ..verdict.statistics import MaximaWeights
-from ..verdict.verdict import (
+from ..verdict.diagnosis import (
     NO_CHAINS,
     NOT_SEARCHED,
     SEARCHED,
     Cures,
     Diagnosis,
     Statement,
-    judge_chains,
     measure,
 )
+from ..verdict.statistics import MaximaWeights
+from ..verdict.verdict import judge_chains
 from .arviz_objects import InferenceData, dataset, is_arviz
 from .chains import read_chains
 from .fit import read_records
