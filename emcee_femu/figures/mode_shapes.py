@@ -197,9 +197,12 @@ def _draw_modes(panels: list[Axes], laid: Layout, structure: bool) -> None:
         sensors = solved.pairing.sensors if solved.pairing else ()
         _draw_sensors(panels.pop(0), geometry, view, sensors, LARGEST_DRAWN * size)
     for axes, number, mode in zip(panels, numbers, drawn, strict=True):
-        largest = max(np.linalg.norm(x) for part in mode[:3] for x in part.values())
+        bent = _bend_lines(geometry, mode)
+        moves = [moved for _, moved in bent]
+        moves += [x[None] for part in mode[:3] for x in part.values()]
+        largest = np.linalg.norm(np.concatenate(moves), axis=1).max()
         factor = LARGEST_DRAWN * size / max(float(largest), np.finfo(float).tiny)
-        _draw_mode(axes, geometry, view, mode, factor)
+        _draw_mode(axes, geometry, view, mode, bent, factor)
         axes.set_title(_title(solved, number - 1), fontsize=9)
     _draw_directions(panels[0], view, low + 0.05 * size, 0.12 * size)
 
@@ -281,6 +284,18 @@ def _bend(
     return ends[0] + s * along, straight + (cubic - straight) @ across
 
 
+def _bend_lines(
+    geometry: Geometry, mode: Sequence[Moves]
+) -> list[tuple[Floats, Floats]]:
+    """Return the points of all lines whose ends are known, and how each moves."""
+    structure, *_, turns = mode
+    return [
+        _bend(geometry, line, structure, turns)
+        for line in geometry.lines
+        if all(node in structure for node in line)
+    ]
+
+
 def _move_nodes(geometry: Geometry, values: Mapping[Hashable, float]) -> Moves:
     """Return the displacements of nodes from those along DOFs, zero across them."""
     by_node: dict[Hashable, list[tuple[Floats, float]]] = {}
@@ -311,22 +326,22 @@ def _choose_view(nodes: Floats, moves: Sequence[Floats]) -> Floats:
 
 
 def _draw_mode(
-    axes: Axes, geometry: Geometry, view: Floats, mode: Sequence[Moves], factor: float
+    axes: Axes,
+    geometry: Geometry,
+    view: Floats,
+    mode: Sequence[Moves],
+    bent: Sequence[tuple[Floats, Floats]],
+    factor: float,
 ) -> None:
     """Draw the structure at rest and moved by a factor, and what sensors say."""
 
     def place(node: Hashable, moves: Moves) -> Floats:
         return view @ (geometry.nodes[node] + factor * moves.get(node, np.zeros(3)))
 
-    structure, predicted, measured, turns = mode
+    structure, predicted, measured, _ = mode
     rest: Style = {"colors": "0.75", "linewidths": 1.0, "label": "at rest"}
     lines = [[place(node, {}) for node in line] for line in geometry.lines]
     axes.add_collection(LineCollection(lines, **rest))
-    bent = [
-        _bend(geometry, line, structure, turns)
-        for line in geometry.lines
-        if all(node in structure for node in line)
-    ]
     moved = [(points + factor * moves) @ view.T for points, moves in bent]
     if moved:
         style: Style = {"colors": BLUE, "linewidths": 1.6, "label": "updated model"}

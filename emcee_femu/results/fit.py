@@ -284,7 +284,7 @@ def _judge_term(
     places = residuals.places or _place(experiment, term, residuals.by_datum)
     for dim, labels in places.items():
         kind = WORDS.get(dim, dim.replace("_", " "))
-        groups = {str(k): labels == k for k in dict.fromkeys(labels.tolist())}
+        groups = {_as_label(k): labels == k for k in dict.fromkeys(labels.tolist())}
         if len(groups) < 2:
             continue
         of_kind = replace(record, kind=kind)
@@ -333,6 +333,10 @@ def _settle(record: FitRecord, looks: int) -> FitRecord:
     p = min(1.0, looks * record.p)
     off = p < MISFIT_BY_CHANCE and record.chi2 > MATTERS * record.size
     return replace(record, p=p, status=MISFIT if off else FITS)
+
+
+def _as_label(place: object) -> str:
+    return f"{place:.6g}" if isinstance(place, float) else str(place)
 
 
 def _place(

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import stats
 
 from ..likelihoods.residuals import (
+    FITS,
     MISFIT,
     MODE,
     NOT_JUDGED,
@@ -58,7 +59,7 @@ class _Replicates(NamedTuple):
     Attributes:
         inside: How many values are inside 95 % of them.
         total: How many values there are.
-        names: Their variables.
+        names: Their variables, in one string.
         far: The variables with values that are too far out, each with its farthest.
         units: Doubts about their units.
         wrong: Whether a value is off by a factor that no model's error explains.
@@ -100,7 +101,9 @@ def judge_fit(
     missed = [*about.surprising, *new.far]
     off = [r for r in judged if r.status in OFF]
     suspects = [r for r in judged if r.status == SUSPECT]
-    sentence = "; ".join([*_count(new), *_name_misfits(judged, missed)]) + "."
+    fitting = () if missed or off else _name_fits(judged, new.names)
+    said = *_count(new), *_name_misfits(judged, missed), *fitting
+    sentence = "; ".join(said) + "."
     pressed, swapped = about.find_pressed(), [*_find_swaps(chains)]
     if missed or off:
         likeliest = [*_name_causes(judged, missed), *swapped, *new.units]
@@ -195,10 +198,7 @@ def _name_misfits(
         elif whole.error:
             text = f"{name} is uneven, whatever its error is"
         if whole.status == MISFIT:
-            text = (
-                f"{name} has a chi^2 of {whole.chi2:.3g} on {whole.size:.3g} (a right "
-                f"model gives {whole.low:.2g} to {whole.high:.2g})"
-            )
+            text = f"{name} {_compare_chi2(whole)}"
         if where := _name_farthest(of_term, whole.experiment in suspected):
             text += f", farthest out is {where}"
         found.append((-whole.chi2 / whole.size, text))
@@ -213,6 +213,21 @@ def _name_misfits(
             yield f"{r.experiment} has a chi^2 of {r.chi2:.3g} on {r.size:.3g}"
 
 
+def _name_fits(records: Sequence[FitRecord], drawn: str) -> Iterator[str]:
+    """Describe the terms that fit, of which no new measurement is drawn."""
+    fitting = [r for r in records if r.kind == TERM and r.status == FITS]
+    names = [*filter(None, drawn.split(", "))]
+    for record in [r for r in fitting if r.variable not in names]:
+        yield f"{_full_name(record)} {_compare_chi2(record)}"
+
+
+def _compare_chi2(record: FitRecord) -> str:
+    return (
+        f"has a chi^2 of {record.chi2:.3g} on {record.size:.3g} (a right model gives "
+        f"{record.low:.3g} to {record.high:.3g})"
+    )
+
+
 def _by_term(records: Sequence[FitRecord]) -> Iterator[list[FitRecord]]:
     """Yield the records of each term, that of all its data first."""
     for _, group in groupby(records, key=lambda r: (r.experiment, r.term)):
@@ -224,7 +239,7 @@ def _name_farthest(records: Sequence[FitRecord], suspected: bool) -> str:
     best = find_farthest(records)
     modes = [r for r in records if r.kind == MODE and np.isfinite(r.mac)]
     if not modes:
-        return " and ".join(f"{r.kind} {r.label}" for r in best)
+        return ", ".join(f"{r.kind} {r.label}" for r in best)
     # Of shapes the mode is named in any case, by its MAC.
     lowest = min(modes, key=lambda r: r.mac)
     words = f"the shape of {_name_mode(next((r for r in best if r in modes), lowest))}"

@@ -234,6 +234,25 @@ def test_beams_are_drawn_as_they_bend():
         assert_allclose(sign * drawn, fine[:, 0], atol=0.03 * largest)
 
 
+def test_what_bends_between_nodes_stays_inside_its_panel():
+    """Mode 2 of a bar held at both ends moves most where one element has no node."""
+    nodes, section = [(0, 0), (0, 1), (0, 3)], ef.Section("E", rho=1.0, A=1.0, I=1e-3)
+    bars = [(0, 1, "bar"), (1, 2, "bar")]
+    every = {"plane": "xz", "shapes": True, "n_modes": 2}
+    supports = {0: "fixed", 2: "pinned"}
+    model = ef.FrameModel(nodes, bars, {"bar": section}, supports, **every)
+    hertz = model({"E": np.array([1e6])}).frequencies[0]
+    prior = ef.GaussianPrior(["E"], [1e6], 1e4, [(5e5, 2e6)])
+    term = ef.FrequencyTerm(hertz, relative_sd=0.01)
+    figure = ef.figures.plot_shapes(sampled(ef.LogPosterior(model, term, prior)))
+    for axes in figure.axes:
+        drawn = np.concatenate(lines(axes, MOVED))
+        for values, (low, high) in zip(
+            drawn.T, (axes.get_xlim(), axes.get_ylim()), strict=True
+        ):
+            assert low < values.min() and values.max() < high
+
+
 def test_a_panel_shows_the_structure_with_its_sensors(run):
     figure = ef.figures.plot_shapes(run, modes=[2], geometry=TOWER, structure=True)
     first, second = figure.axes

@@ -233,7 +233,8 @@ def drawable(kind, given):
 
 def stated(kind, given):
     term = {"error_sd": {"u": SD}} if given else {}
-    return np.allclose(tabled(kind, term).column("sd mm"), SD)
+    table = tabled(kind, term)
+    return "sd mm" in table.columns and np.allclose(table.column("sd mm"), SD)
 
 
 @cache

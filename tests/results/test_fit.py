@@ -350,6 +350,14 @@ def test_gauges_and_channels_are_named_by_their_labels():
         found = ef.diagnose(sample(posterior), 40)
         assert found.fit.status == "does not fit"
         assert named(found, "frf", "channel") == data.channels[2].label
+        places = [r.label for r in found.data if r.kind == "line"]
+        np.testing.assert_allclose([*map(float, places)], lines, rtol=1e-5)
+        assert max(map(len, places)) < 9
+    right = ef.frf.FRFMeasurements(lines, H, channels, kind="receptance")
+    term = ef.frf.FRFTerm(right, sd=0.05 * np.abs(H))
+    posterior = ef.LogPosterior(model, term, ef.IndependentPrior(LAW))
+    fit = ef.diagnose(sample(posterior), 40).fit
+    assert fit.status == "fits" and "frf" in fit.sentence
 
 
 def test_a_model_that_fails_when_asked_again_is_no_reason_to_stop():

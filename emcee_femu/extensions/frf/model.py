@@ -88,7 +88,8 @@ class FRFModel:
             ``"2:-ux"``, is computed along the axis and renamed, as in
             :class:`FRFMeasurements`.
         damping: Damping ratios: one number, or the name of a parameter, for all modes;
-            a sequence of these, one per mode; or ``{"mass": a, "stiffness": b}``, with
+            a sequence of these, one per mode, such as the ``damping`` of
+            :class:`Measurements`; or ``{"mass": a, "stiffness": b}``, with
             numbers or names, for proportional damping
             :math:`\zeta = a / 2 \omega + b \omega / 2`.
         kind: "receptance", "mobility" or "accelerance".
