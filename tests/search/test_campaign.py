@@ -10,7 +10,7 @@ from support.runs import leave_out
 import emcee_femu as ef
 from emcee_femu.moves.mixture import Mixture
 from emcee_femu.search import auto, tails
-from emcee_femu.search.adapt import adapt, carry
+from emcee_femu.search.adapt import adapt, carry, judge
 from emcee_femu.search.climbing import climb
 from emcee_femu.search.explore import explore
 from emcee_femu.search.proposal import CARRIER, TAIL, Proposal
@@ -126,3 +126,16 @@ def test_an_ablation_is_a_tuple_without_a_stage(without, monkeypatch):
     assert without.__name__ not in found.spent
     assert (TAIL in found.kinds) == (without is not auto.follow_tails)
     assert np.isfinite(found.weights).all()
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_poor_mixture_is_fitted_anew_although_few_draws_weigh(seed):
+    """Five times too wide in six dimensions, as far from the top of a funnel."""
+    d = 6
+    density = free_posterior(lambda x: -0.5 * (x**2).sum(axis=1), box(-15, 15, d))
+    c = by_hand(density, seed=seed)
+    wide = Mixture(np.ones(1), np.zeros((1, d)), 25.0 * np.eye(d)[None], 8.0)
+    c.proposal = Proposal.fitted(wide)
+    adapt(c)
+    judge(c)
+    assert c.draft.efficiency > 0.6
