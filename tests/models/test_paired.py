@@ -9,6 +9,7 @@ from support.gradients import Crossing
 
 import emcee_femu as ef
 from emcee_femu import Measurements, ModalSolution, PairedModel, ShapeTerm
+from emcee_femu.models.paired import _couple_modes
 
 
 def random_shapes(seed, *shape):
@@ -309,3 +310,18 @@ def test_one_error_for_rotations_and_translations_is_refused():
     ShapeTerm(test, sd=[[0.02], [0.02], [0.1]])
     turned = Measurements([1.0], [[1.0], [0.4]], dofs=["1:rx", "2:ry"])
     ShapeTerm(turned, delta=0.02)
+
+
+def test_the_coupling_of_close_modes_fades_without_a_kink():
+    """Beside both ends of the passage it changes by the square of the distance."""
+    gap, small = 0.02, 1e-3
+
+    def coupling(apart):
+        return _couple_modes(np.array([[100.0, 100.0 * (1 + apart * gap)]]), gap)[
+            0, 0, 1
+        ]
+
+    assert coupling(0.4) == 1.0 and coupling(1.1) == 0.0
+    assert_allclose(coupling(0.75), 0.5, atol=1e-9)
+    assert 0 < 1 - coupling(0.5 + small) < 20 * small**2
+    assert 0 < coupling(1.0 - small) < 20 * small**2

@@ -215,6 +215,16 @@ def test_a_bound_of_zero_is_never_named(sign):
     assert not found.pressed.any() and (found.at_bound[0] < 0.1).all()
 
 
+def test_r_squared_is_adjusted_and_zero_of_noise():
+    """Ten coefficients explain a quarter of what 40 samples of noise scatter."""
+    rng, d, count = np.random.default_rng(7), 3, 300
+    z = rng.standard_normal((4, 10, d))
+    noise = np.exp(rng.standard_normal((4, 10, count)))
+    found = ef.identifiability(made(z, noise))
+    scatter = found.r_squared.std() / np.sqrt(count)
+    assert abs(found.r_squared.mean()) < 4 * scatter < 0.1
+
+
 def test_a_mode_that_is_no_quadratic_of_the_parameters_is_named():
     z = exact_draws(np.diag([0.5, 0.5, 0.5]) ** 2)
     frequencies = linear_frequencies(z)

@@ -15,7 +15,7 @@ from ...posterior.priors import GaussianPrior, IndependentPrior
 from ...results.arviz_objects import InferenceData, samples, unit_of
 from ...results.diagnose import diagnose
 from ...results.measured import INTERVAL
-from ...results.to_arviz import to_inference_data
+from ...results.to_arviz import read_samples, to_inference_data
 from ...sampling.record import Run
 from ...sampling.run import run
 from ...search.importance import GOOD_K, kish_share, pareto_k
@@ -261,7 +261,7 @@ class PooledTests(Report):
 
 
 def pool_tests(
-    tests: Mapping[str, InferenceData],
+    tests: Mapping[str, object],
     population: NormalPopulation,
     *,
     seed: int,
@@ -290,8 +290,9 @@ def pool_tests(
     shifts the population may put others out of reach too.
 
     Args:
-        tests: At least two tests by name, each the result of :func:`to_inference_data`.
-            Their priors may differ, but not the bounds of the pooled parameters.
+        tests: At least two tests by name, each the result of :func:`run` or
+            :func:`to_inference_data`. Their priors may differ, but not the bounds of
+            the pooled parameters.
         population: The population's distribution, a :class:`.NormalPopulation`.
         seed: A whole number.
         steps: Stored steps of each ensemble.
@@ -334,8 +335,12 @@ def pool_tests(
     checks.instance("population", population, NormalPopulation)
     number = checks.whole_number("draws", draws, 100)
     steps = checks.whole_number("steps", steps, 1)  # None would be as many as needed
-    names, sources = tuple(population.names), {**tests}
-    by_test = read_tests(tests, names, number)
+    names = tuple(population.names)
+    sources = {
+        name: read_samples(test, argument=f"tests[{name!r}]", judged=True)[0]
+        for name, test in checks.by_label("tests", tests, "runs").items()
+    }
+    by_test = read_tests(sources, names, number)
     for name, values in population.covariates.items():
         if {*values} != {*by_test}:
             raise ValueError(
@@ -348,7 +353,7 @@ def pool_tests(
         checks.instance(f"posteriors[{test!r}]", posterior, LogPosterior)
     mean, sd = np.transpose([test.prior for test in by_test.values()], (1, 0, 2))
     complete = population.complete(mean.mean(axis=0), np.sqrt((sd**2).mean(axis=0)))
-    first = next(iter(tests.values()))
+    first = next(iter(sources.values()))
     pairs = [(name, unit_of(first, name)) for name in names if unit_of(first, name)]
     units = {f"{what} {name}": unit for name, unit in pairs for what in ("mean", "sd")}
     pooled = _pool(sources, by_test, complete, seed, steps, ensembles, units)

@@ -120,10 +120,8 @@ def describe_model(
     geometry = read_declared(model, "geometry")
     if geometry is not None:
         yield "Mesh", f"{len(geometry.nodes)} nodes, {len(geometry.lines)} elements"
-        free = {dof.rpartition(":")[0] for dof in dofs}
-        held = [str(node) for node in geometry.nodes if str(node) not in free]
-        if held and free - {""}:
-            yield "Held nodes", _name(held)
+        if supports := [*_list_supports([*map(str, geometry.nodes)], dofs)]:
+            yield "Supports", _name(supports)
     if dofs:
         yield "Free DOFs", str(len(dofs))
     if hasattr(model, "matrices") and (mass := _weigh(model, dofs, posterior)):
@@ -132,6 +130,21 @@ def describe_model(
         test = paired.measurements
         yield "Sensors", f"{test.n_sensors}: {_name([*test.sensors])}".rstrip(": ")
         yield "Modes", "paired with the measured ones by their shapes (MAC)"
+
+
+def _list_supports(nodes: Sequence[str], dofs: Sequence[str]) -> Iterator[str]:
+    """Yield nodes without a translation that others have, and which they lack.
+
+    A node of solid elements has no rotations, and is none.
+    """
+    free: dict[str, set[str]] = {node: set() for node in nodes}
+    for dof in dofs:
+        node, _, direction = dof.rpartition(":")
+        free.get(node, set()).add(direction)
+    every = sorted(d for d in set().union(*free.values()) if d.startswith("u"))
+    for node, directions in free.items():
+        if held := [direction for direction in every if direction not in directions]:
+            yield f"node {node} ({', '.join(held) if directions else 'held'})"
 
 
 def _weigh(model: object, dofs: Sequence[str], posterior: LogPosterior) -> float:
