@@ -10,6 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 Floats: TypeAlias = NDArray[np.float64]
 T = TypeVar("T")
+LISTED = 12  # labels in a message, so that it stays readable
+
+
+def listed(labels: Iterable[object]) -> str:
+    """Return labels with commas between them, of many only the first."""
+    shown = [*map(str, labels)]
+    more = f" and {len(shown) - LISTED} more" if len(shown) > LISTED else ""
+    return ", ".join(shown[:LISTED]) + more
 
 
 def set_fields(record: object, **fields: object) -> None:
@@ -44,7 +52,9 @@ def sequence(argument: str, value: object, form: str) -> list[Any]:
 def function(argument: str, value: object) -> None:
     """Refuse what cannot be called."""
     if not callable(value):
-        raise TypeError(f"{argument}: expected a callable, got {value!r}")
+        simple = isinstance(value, str | int | float)
+        got = repr(value) if simple else type(value).__name__
+        raise TypeError(f"{argument}: expected a callable, got {got}")
 
 
 def numeric_array(argument: str, value: ArrayLike) -> Floats:
@@ -114,10 +124,21 @@ def _numbers(argument: str, value: ArrayLike, kinds: str, described: str) -> Any
     try:
         raw = np.asarray(value)
     except (TypeError, ValueError) as why:  # ragged nesting, a Dataset
-        raise ValueError(f"{argument}: expected a rectangular array ({why})") from None
+        raise ValueError(
+            f"{argument}: expected a rectangular array, as many numbers in each row "
+            f"({why})"
+        ) from None
     if raw.dtype.kind not in kinds:
-        got = f"{type(value).__name__} of dtype {raw.dtype}"
-        raise TypeError(f"{argument}: expected {described} numbers, got {got}")
+        got, cure = f"{type(value).__name__} of dtype {raw.dtype}", ""
+        words = [each for each in raw.flat if isinstance(each, str)]
+        if words:
+            got = f"text, {str(words[0])!r}"
+            cure = "; write numbers, with a decimal point and without quotes"
+        elif raw.dtype.kind == "O" and None in raw.ravel().tolist():
+            got, cure = "None", "; leave out what is not known"
+        elif raw.dtype.kind == "c":
+            cure = "; give its real part, .real, if that is what is meant"
+        raise TypeError(f"{argument}: expected {described} numbers, got {got}{cure}")
     return raw
 
 
@@ -243,6 +264,12 @@ def batch(parameters: Mapping[str, Floats]) -> tuple[Mapping[str, Floats], int]:
     The float arrays that a :class:`LogPosterior` passes are returned unchanged.
     """
     mapping("parameters", parameters, "{name: (n,)}")
+    for name, value in parameters.items():
+        if np.ndim(value) == 0:
+            raise ValueError(
+                f"parameters[{name!r}]: expected one number for each parameter set, "
+                f"(n,), got {value!r}; of one set it is [{value!r}]"
+            )
     values = {
         name: value
         if type(value) is np.ndarray and value.dtype == np.float64 and value.ndim == 1

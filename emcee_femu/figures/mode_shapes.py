@@ -12,13 +12,13 @@ from matplotlib.patches import Rectangle
 
 from .. import checks
 from ..contracts import Floats, read_declared
-from ..measurements.modes import is_rotation, read_combination
+from ..measurements.directions import is_rotation, read_combination
 from ..models.geometry import Geometry
 from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre
 from ..results.arviz_objects import dataset, samples
-from ..results.measured import ModeShapes, Pairing, choose_experiments, solve_shapes
+from ..results.shapes import ModeShapes, Pairing, choose_experiments, solve_shapes
 from ..results.tables import summarize
 from ..results.to_arviz import read_samples
 from .style import (

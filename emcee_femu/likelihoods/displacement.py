@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..contracts import Floats, Parameters, Response, Variable, read
-from ..measurements.modes import LARGE_ERROR_PRIOR, along_axis, doubt_percent
+from ..measurements.directions import along_axis
+from ..measurements.modes import LARGE_ERROR_PRIOR, doubt_percent
 from .term import MODEL_ERROR, Deviations, Term, choose_error, error_array
 
 
@@ -76,7 +77,12 @@ class DisplacementTerm(Term):
         points: Sequence[Hashable] | None = None,
         name: str = "displacement",
     ) -> None:
-        self.measured = u = checks.real_array("measured", measured, 2)
+        self.measured = u = checks.real_array("measured", measured)
+        if u.ndim != 2:
+            raise ValueError(
+                f"measured: expected (n_cases, n_points), got {u.shape}; displacements "
+                "of one load case are [[..]]"
+            )
         if not u.size:
             raise ValueError("measured: expected at least one displacement, got none")
         self.label(name, discrepancy)

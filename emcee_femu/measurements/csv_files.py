@@ -34,6 +34,8 @@ CSV_WORDS |= {
     "mode shape": "shape",
     "shape std": "shape sd",
 }
+# Units of rows in Hz that are converted, and their factors.
+CSV_UNITS = {"rad/s": 0.5 / np.pi, "khz": 1e3}
 CSV_TITLE = re.compile(r"(.*?)\s*(?:[\[(]\s*(.*?)\s*[\])]|(%))?", re.S)  # word and unit
 PER_SENSOR = ("shapes", "shape_sd")
 PARTLY = (*PER_SENSOR, "sd", "damping", "damping_sd")  # a blank: not known
@@ -95,15 +97,15 @@ def read_csv(path: Path) -> Fields:
                 f"{place}, columns 'sensor' and 'dof': expected a sensor only in rows "
                 f"of shapes, a DOF only in rows 'shape', got {sensor!r} and {dof!r}"
             )
-        if delimiter != ",":  # with decimal commas, perhaps
-            cells[2:] = [cell.replace(",", ".") for cell in cells[2:]]
-            dof = cells[2]
+        comma = delimiter != ","  # decimal commas, perhaps
+        if comma:
+            dof = dof.replace(",", ".")
         # A blank is what is not known, unless the file was cut there.
         open_end = row is rows[-1][1] and lines[-1][-1] not in "\r\n"
         cut = open_end or len(row) < len(titles)
         if field in PARTLY and not cut:
             cells[3:] = [cell or "nan" for cell in cells[3:]]
-        numbers = _read_numbers(place, titles, cells, field)
+        numbers = _read_numbers(place, titles, cells, field, comma)
         fields.setdefault(field, []).append([number * factor for number in numbers])
         if field in PER_SENSOR:
             sensors[field].append(sensor)
@@ -147,14 +149,18 @@ def _read_title(place: str, title: str) -> tuple[str, float]:
         fits = field in ("damping", "damping_sd")
     else:
         fits = unit in ("", "-") or f"[{unit}]" in known.lower()
-    if field is None or not fits:
-        one = f"one of {[*QUANTITIES]}, got {title!r}"
+    converted = known.endswith("[Hz]") and unit in CSV_UNITS
+    if field is None or not (fits or converted):
+        cure = ""
+        if field == "sd" and percent:
+            cure = "; or leave the row out: FrequencyTerm(.., relative_sd=0.01)"
+        one = f"one of {[*QUANTITIES]}, got {title!r}{cure}"
         raise ValueError(f"{place}, column 'quantity': expected {one}")
-    return field, 0.01 if percent else 1.0
+    return field, CSV_UNITS[unit] if converted else 0.01 if percent else 1.0
 
 
 def _read_numbers(
-    place: str, titles: list[str], cells: list[str], field: str
+    place: str, titles: list[str], cells: list[str], field: str, comma: bool
 ) -> list[float]:
     """Return the number of each mode in a row."""
     if len(cells) > len(titles):
@@ -165,13 +171,15 @@ def _read_numbers(
     numbers = []
     for title, cell in zip(titles[3:], cells[3:], strict=True):
         try:
-            numbers.append(float(cell))
+            numbers.append(float(cell.replace(",", ".") if comma else cell))
         except ValueError:
             remedy = "a mode that was not identified has no column"
             if field in PARTLY:
                 remedy = "leave the cell blank where it is not known"
             raise ValueError(
-                f"{place}, column {title!r}: expected a number, got {cell!r}; {remedy}"
+                f"{place}, column {title!r}: expected a number, got {cell!r}; "
+                f"{remedy}; in a spreadsheet, format cells as numbers, not as dates, "
+                "and without marks of thousands"
             ) from None
     return numbers
 

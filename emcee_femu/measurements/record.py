@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from os import PathLike
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import checks
 from ..contracts import Floats
 from ..digits import show
 from ..table import Parts, Report, Table
-from . import csv_files, modes, uff
+from . import csv_files, directions, modes, uff
 
 
 class Measurements(Report):
@@ -122,7 +123,7 @@ class Measurements(Report):
             self.n_sensors, there = len(raw), ~np.isnan(raw)
             raw[~there] = 0.0
         self.sensors = modes.labels(sensors, self.n_sensors)
-        self.dofs, signs = modes.dofs(dofs, self.n_sensors)
+        self.dofs, signs = directions.read_dofs(dofs, self.n_sensors)
         if there is not None:
             alike = np.where(modes.compares(raw, self._labels), raw, 0.0)
             phases = modes.phases(alike)
@@ -291,13 +292,15 @@ class Measurements(Report):
         modes: Sequence[int] | None = None,
         sensors: Sequence[str] | None = None,
         dofs: ArrayLike | None = None,
+        nodes: Mapping[int, Hashable] | None = None,
+        axes: str | None = None,
     ) -> Self:
         """Read normal or complex modes from a universal file.
 
         Modes are read from data sets 55, which test systems write, and 2414, which FE
-        programs write. A sensor is a node and a direction, ``"12:x"``, in the file's
-        own coordinate systems. The modes are sorted by frequency. Frequencies are in Hz
-        whatever the file's units, and undamped. Positive damping ratios are also read:
+        programs write. A sensor is a node and a direction, ``"12:x"``. The modes are
+        sorted by frequency. Frequencies are in Hz whatever the file's units, and
+        undamped. Positive damping ratios are also read:
         the viscous ratio, or else half the hysteretic one, or the ratio that follows
         from the eigenvalue.
 
@@ -310,22 +313,38 @@ class Measurements(Report):
                 those that are zero in every mode, which marks unmeasured DOFs in these
                 files. A node that is absent from a mode counts as missing in it.
             dofs: The model's DOF at each sensor that is kept.
+            nodes: In place of dofs, ``{node of the file: node of the model}``; sensors
+                at other nodes are left out. With ``{12: 3}`` the sensor ``"12:x"`` is
+                at the DOF ``"3:ux"``.
+            axes: Needed where the file defines axes of their own for nodes (their
+                displacement coordinate systems: data sets 15, 781 or 2411, and 18 or
+                2420). "global" if the values are along global axes all the same, as
+                the format says of shapes; "own" if they are along the axes of each
+                node, as many test programs write them. A sensor is then at the
+                combination of the model's ``"3:ux"``, ``"3:uy"`` and ``"3:uz"`` by
+                their direction cosines, of Cartesian or of cylindrical axes.
 
         Returns:
             The modes, with shapes at the kept sensors.
 
         Raises:
-            ValueError: If there are no modes, a mode cannot be read or has 0 Hz, or a
-                sensor is unknown.
+            TypeError: If both dofs and nodes are given.
+            ValueError: If there are no modes, a mode cannot be read or has 0 Hz, a
+                sensor or a node is unknown; or nodes are given without axes where they
+                have their own, or these are spherical or not defined.
 
         Warns:
-            UserWarning: If sensors are zero in all modes, or absent from some.
+            UserWarning: If sensors are zero in all modes, or absent from some; or if
+                their nodes have axes of their own, and neither axes nor a combination
+                of DOFs says what they are along.
 
         Examples:
             >>> from emcee_femu import Measurements
             >>> modes = Measurements.from_uff("a.uff", dofs=[4, 9])  # doctest: +SKIP
+            >>> at = {11: 0, 12: 3}
+            >>> modes = Measurements.from_uff("b.uff", nodes=at)  # doctest: +SKIP
         """
-        return cls(**uff.read_uff(path, sensors, modes), dofs=dofs)
+        return cls(**uff.read_uff(path, sensors, modes, dofs, nodes, axes))
 
     @classmethod
     def from_pyoma2(
@@ -380,7 +399,7 @@ class Measurements(Report):
     def _table(self) -> Table:
         title = f"Measured modes: {self.n_modes}"
         if self.sensors:
-            title += f", sensors: {self.n_sensors} ({', '.join(self.sensors)})"
+            title += f", sensors: {self.n_sensors} ({checks.listed(self.sensors)})"
         sd = self.sd
         if self.covariance is not None:
             sd = np.sqrt(np.diag(self.covariance))

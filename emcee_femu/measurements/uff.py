@@ -1,9 +1,7 @@
 """Modes as other programs hand them over: universal files, pyOMA2."""
 
-import re
 import warnings
-from collections.abc import Sequence
-from os import PathLike
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -11,21 +9,26 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..contracts import Floats
+from .directions import read_combination
 from .modes import Fields, find_duplicates, phases
+from .universal import (
+    ALONG,
+    UFF_AXES,
+    DataSet,
+    Nodes,
+    Path,
+    name_dofs,
+    read_numbers,
+    read_sets,
+    warn_of_own_axes,
+)
 
-Path = str | PathLike[str]
 Indices: TypeAlias = NDArray[np.intp]
-END = "    -1"  # the line before and after a data set
-BINARY = "    58b"  # begins one whose values END follows on the same line
 # Types of analysis: modes, and complex ones of two orders.
 NORMAL_MODES, COMPLEX_MODES = 2, (3, 7)
 # Types of data that are shapes: unknown, general, displacement, velocity, acceleration.
 MOTIONS = (0, 1, 8, 11, 12)
 COMPLEX_DATA = (5, 6)  # of single and double precision
-# Widths of columns are not relied on: numbers may touch, "1.0E+00-2.0E+00".
-UFF_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[ED][-+]?\d+)?", re.I)
-UFF_AXES = ("x", "y", "z", "rx", "ry", "rz")
-
 
 # Where a data set has what: the line of six numbers that say what the values are; the
 # lines of real numbers, after which values follow; among these the places of Hz, of
@@ -53,28 +56,49 @@ class Mode(NamedTuple):
 
 
 def read_uff(
-    path: Path, sensors: Sequence[str] | None, numbers: Sequence[int] | None
+    path: Path,
+    sensors: Sequence[str] | None,
+    numbers: Sequence[int] | None,
+    dofs: ArrayLike | None,
+    nodes: Nodes | None,
+    axes: str | None,
 ) -> Fields:
     """Return the arguments of :class:`Measurements` that a universal file holds."""
-    found = _find_modes(path)
+    checks.one_of("axes", axes, [None, *ALONG])
+    sets = read_sets(path)
+    found = _find_modes(path, sets)
     hertz = np.array([mode.hertz for mode in found])
     order = _choose_modes(hertz, numbers, [f"{mode.place}: " for mode in found])
     values = [_nodal_values(found[i]) for i in order]
     labels = dict.fromkeys(label for column in values for label in column)
     rows = {x: np.array([column.get(x, np.nan) for column in values]) for x in labels}
+    if nodes is not None:
+        named = name_dofs(path, sets, rows, nodes, axes)
+        rows = {x: rows[x] for x in named}
     zero = [x for x, row in rows.items() if not np.nansum(abs(row))]
     chosen = [x for x in rows if x not in zero] if sensors is None else sensors
     kept = [*checks.parameter_names("sensors", chosen)]
     if unknown := sorted({*kept} - {*rows}):
-        raise ValueError(f"sensors: {path} has no {unknown}, only {[*rows]}")
+        at = "" if nodes is None else " at these nodes"
+        raise ValueError(f"sensors: {path} has no {unknown}{at}, only {[*rows]}")
     absent = [x for x in kept if np.isnan(rows[x]).any()]
     if absent or (zero and sensors is None):
         warnings.warn(
-            f"{path}: taken as not measured: zero in all modes, left out, {zero}; "
-            f"absent in some modes, NaN there, {absent}; pass sensors= to choose",
+            f"{path}: taken as not measured: zero in all modes, left out, "
+            f"[{checks.listed(map(repr, zero))}]; absent in some modes, NaN there, "
+            f"[{checks.listed(map(repr, absent))}]; pass sensors= to choose",
             stacklevel=3,
         )
     shapes = np.array([rows[x] for x in kept])
+    if nodes is not None:
+        if dofs is not None:
+            raise TypeError("dofs, nodes: expected one of the two")
+        dofs = [named[x] for x in kept]
+    else:
+        given = [] if dofs is None else np.asarray(dofs, dtype=object).ravel().tolist()
+        said = [isinstance(dof, Mapping) or read_combination(dof) for dof in given]
+        plain = [x for i, x in enumerate(kept) if not any(said[i : i + 1])]
+        warn_of_own_axes(path, sets, plain, axes)
     known = np.nan_to_num(shapes)
     twice = find_duplicates(hertz[order], (known * phases(known)).real)
     if twice and known.any(axis=0).all():
@@ -90,6 +114,7 @@ def read_uff(
         "shapes": shapes,
         "damping": _known([found[i].damping for i in order]),
         "sensors": kept,
+        "dofs": dofs,
     }
 
 
@@ -152,31 +177,15 @@ def _choose_modes(
     return np.array(sorted(wanted, key=lambda i: hertz[i]))
 
 
-def _find_modes(path: Path) -> list[Mode]:
+def _find_modes(path: Path, sets: Sequence[DataSet]) -> list[Mode]:
     """Return all data sets of a universal file that hold a mode."""
-    checks.file_name("path", path)
-    sets: list[list[str]] = []
-    inside = False
-    with open(path, encoding="latin-1") as file:
-        for line in map(str.rstrip, file):
-            binary = inside and "".join(sets[-1][:1]).startswith(BINARY)
-            if line == END or (binary and line.endswith(END)):
-                inside = not inside
-                sets += [[]] if inside else []
-            elif inside:
-                sets[-1].append(line)
-    if inside:
-        raise ValueError(f"{path}: it ends inside data set {len(sets)}; is it cut?")
-    kinds = [data[0].split()[0] if data else "" for data in sets]
-    modes: list[Mode] = []
-    for i, (kind, data) in enumerate(zip(kinds, sets, strict=True), 1):
-        place = f"{path}, data set {i}"
-        mode = _read_header(place, kind, data) if kind in LAYOUTS else None
-        modes += [] if mode is None else [mode]
-    if not modes:
+    found = [_read_header(*data) for data in sets if data.kind in LAYOUTS]
+    if not (modes := [mode for mode in found if mode is not None]):
+        kinds = sorted({data.kind for data in sets})
+        doubt = "" if kinds else " (none: is it a universal file?)"
         raise ValueError(
             f"{path}: expected modes, data sets 55 or 2414 of an analysis of type 2, 3 "
-            f"or 7, got none; its data sets are of types {sorted({*kinds})}: export "
+            f"or 7, got none; its data sets are of types {kinds}{doubt}: export "
             "the modes too, or read FRFs (type 58) by FRFMeasurements.from_uff"
         )
     return modes
@@ -193,7 +202,7 @@ def _read_header(place: str, kind: str, lines: list[str]) -> Mode | None:
     of_modes = analysis in (NORMAL_MODES, *COMPLEX_MODES) and motion in MOTIONS
     if not (at_nodes and of_modes):
         return None
-    reals = np.append(_read_numbers(place, lines[of_reals]), np.zeros(12))
+    reals = np.append(read_numbers(place, lines[of_reals]), np.zeros(12))
     if analysis == NORMAL_MODES:
         hertz, viscous, hysteretic = reals[normal]
         damping = viscous if viscous > 0 else hysteretic / 2
@@ -205,15 +214,6 @@ def _read_header(place: str, kind: str, lines: list[str]) -> Mode | None:
     return Mode(place, hertz, damping, size, data in COMPLEX_DATA, rest)
 
 
-def _read_numbers(place: str, lines: Sequence[str]) -> Floats:
-    """Return all numbers of some lines, which hold nothing else."""
-    text = "\n".join(lines)
-    if others := UFF_NUMBER.sub(" ", text).split():
-        raise ValueError(f"{place}: expected numbers, got {others[0]!r}")
-    found = [number.upper().replace("D", "E") for number in UFF_NUMBER.findall(text)]
-    return np.array(found, dtype=np.float64)
-
-
 def _known(damping: ArrayLike) -> Floats:
     """Return damping ratios, NaN where one is not above zero: none was identified."""
     return np.where(np.real(damping) > 0, np.real(damping), np.nan)
@@ -221,7 +221,7 @@ def _known(damping: ArrayLike) -> Floats:
 
 def _nodal_values(mode: Mode) -> dict[str, complex]:
     """Return ``{"node:direction": value}`` of one mode, node by node."""
-    numbers = _read_numbers(mode.place, mode.lines)
+    numbers = read_numbers(mode.place, mode.lines)
     width = 1 + mode.size * (1 + mode.is_complex)
     if mode.size not in (3, 6) or not len(numbers) or len(numbers) % width:
         raise ValueError(

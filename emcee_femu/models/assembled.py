@@ -1,6 +1,6 @@
 """A function that assembles K and M, whose eigenproblem is solved here."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from copy import copy
 from functools import partial
 from typing import Self, TypeAlias
@@ -16,11 +16,14 @@ from ..contracts import (
     Parameters,
     modal_variables,
     placed,
+    read_declared,
     show_declared,
 )
 from .eigen_dense import Eigenproblem, Modes, Wanted, join
 from .eigen_sparse import DenseProblem, SparseEigenproblem
+from .geometry import Geometry
 from .inputs import Matrix, read_batch, read_matrix
+from .matrix import AffineModel
 from .sensors import Dofs, choose_sensors
 
 MATRIX_STEP = 1e-4  # of a parameter's value: matrices are then known to some 1e-8
@@ -69,6 +72,9 @@ class AssembledModel:
     """
 
     one_by_one = True
+    dofs: Sequence[Hashable] | None = None
+    geometry: Geometry | None = None
+    bounds: Mapping[str, tuple[float, float]] = {}
 
     def __init__(
         self,
@@ -90,9 +96,64 @@ class AssembledModel:
                 "are is not known before the first solve"
             )
         self.sensors = choose_sensors("shapes", shapes, range(UNBOUNDED_DOFS))
-        self.shape_dofs = self.sensors.rows
+        self.shape_dofs: tuple[Hashable, ...] = self.sensors.rows
         self.variables = modal_variables(self.n_modes, self.sensors.labels)
         self._output: Floats | None = None  # of a basis, at these DOFs
+
+    @classmethod
+    def from_frame(
+        cls,
+        frame: Callable[[dict[str, float]], AffineModel],
+        at: Mapping[str, float],
+    ) -> Self:
+        """Return the model of a frame whose geometry depends on parameters too.
+
+        Use it for a coordinate that is not known: where a roller stands, where a crack
+        or a joint is, where a sensor was. A solve costs one assembly of the frame and
+        one eigenproblem; the parameter sets of a batch are solved one by one.
+
+        Args:
+            frame: A function from ``{name: float}`` to a :class:`FrameModel` (or
+                another model that is a sum of matrices) with the modes and shapes that
+                are wanted. It may read parameters for coordinates, offsets and whatever
+                else is a number there; those that its sections name are read by name.
+            at: ``{name: value}`` of all parameters, at which the frame is built once,
+                for its DOFs and for drawings.
+
+        Returns:
+            The model, with the DOFs, sensors and bounds of the frame.
+
+        Raises:
+            TypeError: If frame does not return such a model.
+            ValueError: If ``at`` lacks a parameter that the frame names. When called:
+                if the frame has other DOFs than it had at first, or as for a call.
+
+        Examples:
+            >>> import emcee_femu as ef
+            >>> pipe = ef.Section(E=(2.1e11, "E"), rho=7850, A=2e-3, I=3e-6)
+            >>> def beam(p):  # 4 m, clamped, and a roller at x
+            ...     nodes = [(0, 0), (p["x"] / 2, 0), (p["x"], 0), (4, 0)]
+            ...     bars = [(0, 1, "pipe"), (1, 2, "pipe"), (2, 3, "pipe")]
+            ...     supports = {0: "fixed", 2: "roller"}
+            ...     return ef.FrameModel(nodes, bars, {"pipe": pipe}, supports,
+            ...                          n_modes=2, plane="xy")
+            >>> model = ef.AssembledModel.from_frame(beam, {"E": 1.0, "x": 3.0})
+            >>> model({"E": [1.0, 1.0], "x": [3.0, 2.5]}).frequencies.round(1).tolist()
+            [[43.0, 90.6], [29.5, 99.5]]
+        """
+        checks.function("frame", frame)
+        names = checks.parameter_names("at", checks.mapping("at", at, "{name: value}"))
+        point = dict(zip(names, checks.numbers_by_name("at", at, names), strict=True))
+        built = checks.instance("frame", frame(dict(point)), AffineModel)
+        if missing := [name for name in built.names if name not in names]:
+            raise ValueError(f"at: no value of {missing}, which the frame names")
+        assemble = partial(_assemble_frame, frame, built.dofs)
+        model = cls(assemble, names, n_modes=built.n_modes, skip=built.skip)
+        model.modes, model.sensors = built.modes, built.sensors
+        model.shape_dofs, model.variables = built.shape_dofs, built.variables
+        model.dofs, model.geometry = built.dofs, built.geometry
+        model.bounds = read_declared(built, "bounds") or {}
+        return model
 
     __repr__ = show_declared
 
@@ -174,6 +235,21 @@ class AssembledModel:
         each = np.eye(len(by))[:, None]
         slopes = {name: (one, one) for name, one in zip(by, each, strict=True)}
         return problem.solve([still, still], lambda _: str(row), slopes)
+
+
+def _assemble_frame(
+    frame: Callable[[dict[str, float]], AffineModel],
+    dofs: Sequence[Hashable],
+    values: dict[str, float],
+) -> tuple[Matrix, Matrix]:
+    """Return K and M of a frame at one parameter set."""
+    built = frame(dict(values))
+    if [*built.dofs] != [*dofs]:
+        raise ValueError(
+            f"frame: expected its first {len(dofs)} DOFs at {values}, got others; only "
+            "numbers may depend on parameters, not supports or the number of nodes"
+        )
+    return built.matrices({name: values[name] for name in built.names})
 
 
 def _project(

@@ -36,6 +36,15 @@ REPEATED = 1e-10  # relative gap of eigenvalues below which modes coincide
 # median: with 1e12 the lowest frequencies are off by 1e-4, and the error grows with it.
 BLURRED = 1e9
 PARTING = 1e-7  # share of a derivative's terms that may be left by rounding
+# Why a mode is not elastic, in messages.
+NOT_POSITIVE = (
+    "the stiffness matrix is not positive there; give the prior bounds that keep "
+    "stiffnesses and masses above zero"
+)
+A_MECHANISM = (
+    "as of a rigid-body mode or a mechanism beyond skip={}: do the supports hold the "
+    "structure, and each joint its bars? A free structure has skip=6, in a plane 3"
+)
 
 # How the coefficients of K (n, n_k), and those of M (n, n_m), change with a parameter;
 # one row where that is the same for all parameter sets.
@@ -258,12 +267,15 @@ def check_elastic(
     flexible = first > rounding
     if not flexible.all():
         i = int(np.argmin(flexible))
+        why = NOT_POSITIVE
+        if first[i] >= -rounding[i]:
+            why = (
+                f"it is zero but for rounding, {A_MECHANISM.format(skip)}; or it is "
+                f"hidden by rounding {_compare(rounding[i], first[i])}"
+            )
         raise ValueError(
             f"mode {skip + 1} is not elastic (omega^2 = {first[i]:.3g} (rad/s)^2) "
-            f"at {describe(i)}: a negative value means a stiffness matrix that is "
-            f"not positive (give the prior bounds that keep stiffnesses and masses "
-            f"above zero), zero a rigid-body mode beyond skip={skip}; or it is rounding"
-            f" {_compare(rounding[i], first[i])}"
+            f"at {describe(i)}: {why}"
         )
     if skip:
         rigid = np.abs(eigenvalues[:, skip - 1])
@@ -284,7 +296,7 @@ def _compare(rounding: float, eigenvalue: float) -> str:
     ratio = stiffest / max(abs(eigenvalue), rounding * EPS)
     return (
         f"beside the stiffest part ({stiffest:.0e} (rad/s)^2, a ratio of {ratio:.0e}): "
-        "make rigid links softer"
+        "make rigid links softer, or export the matrices with more digits"
     )
 
 

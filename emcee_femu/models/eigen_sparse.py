@@ -28,7 +28,9 @@ from scipy.sparse import csc_array, diags_array
 
 from ..contracts import Floats, ModalSolution, RepeatedModes
 from .eigen_dense import (
+    A_MECHANISM,
     EPS,
+    NOT_POSITIVE,
     REPEATED,
     Eigenproblem,
     Modes,
@@ -254,9 +256,8 @@ def lowest_modes(K: csc_array, M: csc_array, count: int, skip: int, at: str) -> 
     if factor is None:
         raise ValueError(
             f"mode {skip + 1} is not elastic (a pivot of the stiffness is not "
-            f"above zero) at {at}: a stiffness matrix that is not positive "
-            "(give the prior bounds that keep stiffnesses and masses above zero), "
-            f"or a rigid-body mode beyond skip={skip}"
+            f"above zero) at {at}: it is zero, {A_MECHANISM.format(skip)}; or "
+            f"{NOT_POSITIVE}"
         )
     inverse, vectors = _krylov(factor, M, count, skip)
     values = 1 / inverse - shift

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array, issparse
 
 from .. import checks
-from ..measurements.modes import along_axis
+from ..measurements.directions import along_axis
 from ..table import Parts, Report
 from .coefficients import Product, Unit
 from .geometry import Geometry

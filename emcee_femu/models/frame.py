@@ -256,6 +256,7 @@ def _add_bars(
     form = "(node, node, section name) or (node, node, section name, (offset, offset))"
     if not elements:
         raise TypeError(f"elements: expected at least one {form}, got none")
+    plain: dict[tuple[object, ...], int] = {}  # without offsets, and which they are
     for e, element in enumerate(elements):
         label = f"elements[{e}]"
         entry = checks.group(label, element, form, 3, 4)
@@ -266,6 +267,13 @@ def _add_bars(
                 f"{label}: no section {name!r}; sections are {sorted(sections)}"
             )
         pair = checks.group(label, offsets, "(offset, offset)", 2)
+        if pair[0] is None and pair[1] is None:
+            same = plain.setdefault((*sorted(ends), name), e)
+            if same != e:
+                raise ValueError(
+                    f"{label}: it is elements[{same}] again, which would count twice; "
+                    "leave it out, or give bars side by side a section of their own"
+                )
         arms = [place.vector(label, offset) for offset in pair]
         section, T = sections[name], np.zeros((12, 12))
         read, upright = place.section(f"sections[{name!r}]", section)

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..contracts import Floats
-from ..measurements.modes import read_combination
+from ..measurements.directions import read_combination
 
 UNIT_AXES = {"ux": (1.0, 0.0, 0.0), "uy": (0.0, 1.0, 0.0), "uz": (0.0, 0.0, 1.0)}
 Node: TypeAlias = Hashable

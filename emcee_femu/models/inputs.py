@@ -1,12 +1,12 @@
 """What models share at their border: parameter sets, DOFs, and matrices."""
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csc_array, issparse
+from scipy.sparse import csc_array, issparse, tril, triu
 
 from .. import checks
 from ..contracts import Derivatives, Floats, Parameters
@@ -16,7 +16,6 @@ Where: TypeAlias = Callable[[int], str]  # names a parameter set i in a message
 Weights: TypeAlias = Sequence[Floats]  # of K and of M, (n, n_k) and (n, n_m)
 
 
-LISTED = 10  # rows in a message
 # Share of the largest entry. FE programs print 7 (single precision) to 16 digits, and
 # what they reduce to superelements is off by 1e-7.
 ASYMMETRY = 1e-6
@@ -133,9 +132,12 @@ def read_matrix(
         raise ValueError(f"{argument}: expected K0's shape {(size,) * 2}, got {(N, N)}")
     gap, largest = abs(matrix - matrix.T).max(), abs(matrix).max()
     if gap > ASYMMETRY * largest:
+        cure = "if this is rounding, give 0.5 * (A + A.T)"
+        if not tril(matrix, -1).count_nonzero() or not triu(matrix, 1).count_nonzero():
+            cure = "is it one triangle? Add the other: A + A.T, with the diagonal once"
         raise ValueError(
             f"{argument}: expected a symmetric matrix, but entries differ from the "
-            f"transpose by up to {gap:.3g} (largest entry {largest:.3g})"
+            f"transpose by up to {gap:.3g} (largest entry {largest:.3g}); {cure}"
         )
     mean = 0.5 * (matrix + matrix.T)
     if not sparse:
@@ -144,6 +146,21 @@ def read_matrix(
     result.eliminate_zeros()
     result.sort_indices()
     return result
+
+
+def refuse_empty(
+    K: Sequence[Matrix], M: Sequence[Matrix], labels: Sequence[Hashable]
+) -> None:
+    """Refuse rows that have neither stiffness nor mass in any matrix."""
+    every = [csc_array(matrix) for matrix in (*K, *M)]
+    entries = np.sum([np.diff(matrix.indptr) for matrix in every], axis=0)
+    if rows := np.flatnonzero(entries == 0).tolist():
+        names = checks.listed(labels[row] for row in rows)
+        raise ValueError(
+            f"K0, M0: the DOFs {names} have neither "
+            "stiffness nor mass; leave their rows and columns out of all matrices, "
+            "A[np.ix_(kept, kept)]"
+        )
 
 
 def warn_of_uncoupled(
@@ -175,10 +192,9 @@ def warn_of_uncoupled(
         hertz = np.sqrt(np.maximum(k[rows] / m[rows], 0.0)) / (2 * np.pi)
         names = [str(labels[row]) if labels else str(row) for row in rows]
         each = [f"{name} ({f:.4g} Hz)" for name, f in zip(names, hertz, strict=True)]
-        more = f" and {len(rows) - LISTED} more" if len(rows) > LISTED else ""
         warnings.warn(
             "K0, K: each of these rows is coupled to no other, and is a mode by itself "
-            f"(with parameters of 1): {', '.join(each[:LISTED])}{more}. If they are "
+            f"(with parameters of 1): {checks.listed(each)}. If they are "
             "held DOFs of an export, leave their rows and columns out of all matrices; "
             "if they are fixed-base modes, as of a Craig-Bampton reduction, keep them",
             stacklevel=3,

@@ -21,14 +21,14 @@ from ..contracts import (
     modal_variables,
     show_declared,
 )
-from ..measurements.modes import along_axis
+from ..measurements.directions import along_axis
 from .coefficients import Coefficients, Unit, read_units
 from .eigen_dense import Eigenproblem, Wanted, combine
 from .eigen_sparse import DenseProblem, SparseEigenproblem, SparseSum
 from .exports import Export, Matrices, fit_polynomials
 from .factorization import factor_definite
 from .geometry import Geometry
-from .inputs import Matrix, read_matrix, warn_of_uncoupled
+from .inputs import Matrix, read_matrix, refuse_empty, warn_of_uncoupled
 from .sensors import Dofs, choose_sensors
 
 
@@ -86,6 +86,7 @@ class AffineModel:
         self.variables = modal_variables(self.n_modes, self.sensors.labels)
         self.parts: tuple[list[Matrix], list[Matrix]]
         self.parts = [self.K0, *self.K.values()], [self.M0, *self.M.values()]
+        refuse_empty(*self.parts, self.dofs)
         self.problem: SparseEigenproblem | DenseProblem | Eigenproblem
         kind = SparseEigenproblem if sparse else DenseProblem
         self.wanted = Wanted(self.modes, self.skip, self.sensors)
@@ -412,8 +413,8 @@ class StaticModel:
 
 def _indefinite(where: str) -> ValueError:
     return ValueError(
-        f"K: the stiffness is not positive definite at {where}: a mechanism, a "
-        "support that was not taken out, or a negative parameter"
+        f"K: the stiffness is not positive definite at {where}: do the supports hold "
+        "the structure, and are their rows taken out? Or is a parameter negative?"
     )
 
 
@@ -428,6 +429,12 @@ def _read_force(
         places = choose_sensors(label, tuple(value), dofs).rows
         for place, side, number in zip(places, sides, value.values(), strict=True):
             force[place] = side * checks.real_number(label, number)
+    elif isinstance(value, int | float):
+        example = {"case": {case: value}}
+        raise TypeError(
+            f"{label}: expected the forces of a load case, {{DOF: force}}, got "
+            f"{value}; a case has a name, as in loads={example}"
+        )
     else:
         force = checks.shaped_array(label, value, (len(dofs),))
     if not force.any():

@@ -196,7 +196,7 @@ class Place:
         if self.plane:  # gravity acts along the second axis
             words["roller"] = (DOFS[self.axes[1]],)
         supports = {} if supports is None else supports
-        checks.mapping("supports", supports, "{node: held DOFs}")
+        checks.mapping("supports", supports, "{node: held DOFs}, as {0: 'fixed'}")
         free = np.zeros((n_nodes, 6), dtype=bool)
         free[:, [DOFS.index(dof) for dof in self.dofs]] = True
         for node, held in supports.items():
@@ -206,8 +206,9 @@ class Place:
                 if dof not in self.dofs and names not in words.values():
                     plane = "" if self.plane else "; 'roller' needs plane="
                     raise ValueError(
-                        f"supports[{node}]: expected DOFs out of {self.dofs}, or one "
-                        f"of {[*words]}, got {dof!r}{plane * (dof == 'roller')}"
+                        f"supports[{node}]: expected one of {[*words]}, or a list of "
+                        f"DOFs out of {self.dofs}, got {dof!r}"
+                        f"{plane * (dof == 'roller')}"
                     )
                 free[node, DOFS.index(dof)] = False
         if not free.any():
@@ -244,7 +245,10 @@ def read_property(label: str, value: Property, zero: bool = False) -> Scale:
     if isinstance(value, str):
         pair = 1.0, value
     elif isinstance(value, tuple):
-        pair = checks.group(label, value, "a number, name or (number, name)", 2)
+        form = "a number, name or (number, name)"
+        pair = checks.group(label, value, form, 2)
+        if isinstance(pair[0], str):
+            raise TypeError(f"{label}: expected {form}, got {value!r}")
     elif zero and isinstance(value, float | int) and value == 0:
         return 0.0, ()
     names = tuple(checks.text(label, name) for name in pair[1:])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..contracts import Floats, Model, Variable, read_declared
 from ..measurements import Measurements
-from ..measurements.modes import (
+from ..measurements.directions import (
     along_axis,
     read_combination,
     unit_of,
@@ -24,6 +24,7 @@ Dofs: TypeAlias = (
 )
 SIMILAR = 0.6  # of two labels, by difflib, above which one is proposed for the other
 FORM = "{'tip': {'2:ux': 0.87, '2:uy': 0.5}}"
+EXAMPLE = (0.87, 0.5)  # cosines of 30 and 60 degrees
 
 
 @dataclass(frozen=True)
@@ -167,14 +168,17 @@ def propose(dof: object, dofs: Sequence[Any]) -> str:
     node, _, direction = str(dof).partition(":")
     nodes = list(dict.fromkeys(str(known).partition(":")[0] for known in dofs))
     if direction and node not in nodes:
-        return f"; nodes with DOFs are {_range_of(nodes)}"
+        return f"; nodes with free DOFs are {_range_of(nodes)}"
     there = [str(known) for known in dofs if str(known).partition(":")[0] == node]
+    if not direction and there:
+        return f"; DOFs have labels, such as {there[0]!r}"
     if near and near[0] == str(dof).lower() or not there:
         guess = f"; did you mean {labels[near[0]]!r}?" if near else ""
         return f"{guess} Nodes with DOFs are {_range_of(nodes)}"
     return (
-        f"; node {node} has {' '.join(there)}, and a sensor in another direction is a "
-        f"combination of these, such as {FORM}"
+        f"; node {node} has {' '.join(there)}; in place of {dof!r}, give a sensor in "
+        "another direction as a combination of these, such as "
+        f"{dict(zip(there, EXAMPLE, strict=False))}"
     )
 
 
@@ -198,6 +202,8 @@ def match_rows(
         )
     labels = variables["shapes"].coords.get("dof")
     if labels is None or measurements.dofs is None:
+        if labels is not None:  # refuses another number of rows
+            at_sensors(np.empty((len(labels), 0)), None, measurements.n_sensors)
         return None
     sensors = measurements.dofs.tolist()
     found, missing = match_sensors(sensors, labels)

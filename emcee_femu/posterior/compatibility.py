@@ -17,14 +17,20 @@ REMEDIES |= dict.fromkeys(
     ("receptance", "mobility", "accelerance"),
     "; kind= of FRFModel must be that of the measurements",
 )
+ORDER = "the order is LogPosterior(model, terms, prior)"
 
 
 def check_prior(prior: Prior) -> None:
     """Refuse what is not a prior."""
     if missing := {"names", "bounds", "logpdf", "sample"}.difference(dir(prior)):
+        cure = "see GaussianPrior"
+        if isinstance(prior, Mapping):
+            cure = "IndependentPrior(..) makes a prior of it"
+        elif callable(prior):
+            cure = ORDER
         raise TypeError(
             "prior: expected names, bounds, logpdf and sample, but "
-            f"{type(prior).__name__} has no {min(missing)}; see GaussianPrior"
+            f"{type(prior).__name__} has no {min(missing)}; {cure}"
         )
     shape = (len(prior.names), 2)
     if type(prior.bounds) is not np.ndarray or prior.bounds.shape != shape:
@@ -40,6 +46,8 @@ def check_terms(model: object, terms: Sequence[object]) -> None:
         raise ValueError("terms: expected at least one likelihood term, got none")
     for argument, part in (("model", model), *(("terms", term) for term in terms)):
         checks.function(argument, part)
+    if read_declared(model, "reads") is not None:  # as terms do
+        raise TypeError(f"model: {type(model).__name__} is a likelihood term; {ORDER}")
 
 
 def check_parameters(

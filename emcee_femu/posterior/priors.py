@@ -171,6 +171,12 @@ class IndependentPrior(KnownPrior):
                     f"marginals[{name!r}]: expected a frozen continuous distribution, "
                     f"scipy.stats.norm(0, 1), or a pair (low, high), got {marginal!r}"
                 )
+            if np.isnan(marginal.support()).any():
+                raise ValueError(
+                    f"marginals[{name!r}]: its arguments are outside the range that "
+                    "scipy.stats allows, such as a scale that is not above zero; "
+                    "scipy's uniform(loc, scale) is from loc to loc + scale"
+                )
             if name in ends:
                 ((low, high),) = check_bounds([ends[name]], (name,)).tolist()
                 marginal = _Cut(name, marginal, low, high)

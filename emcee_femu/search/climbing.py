@@ -49,6 +49,9 @@ VANISHING = 5.0
 # Distance of two maxima in standard deviations, below which they are one: the sum of
 # two equal Gaussians so near has one top.
 SAME = 2.0
+# Share of a slope's square that stays as curvature, which else might be rounding alone:
+# where an exponential has fallen by e, it is changed by half of it.
+KEPT_SQUARE = 1e-4
 # Why a climb ended.
 ARRIVED = "converged"
 UNBOUNDED = "the density grows without bound"
@@ -96,7 +99,8 @@ class Maximum:
         """
         if not self.slopes.any():
             return self.theta, self.covariance
-        curvature = np.linalg.inv(self.covariance) - np.diag(self.slopes**2)
+        squares = (1 - KEPT_SQUARE) * self.slopes**2
+        curvature = np.linalg.inv(self.covariance) - np.diag(squares)
         covariance = np.linalg.inv(curvature)
         return self.theta + covariance @ self.slopes, covariance
 

@@ -93,7 +93,14 @@ from_uff = ef.Measurements.from_uff(folder / "test.uff", **nodes)
 from_uff
 
 # %% [markdown]
-# A sensor is a node and a direction, `"2:x"`. Without `sensors=` all are used except
+# A sensor is a node and a direction, `"2:x"`. If the model labels its DOFs, say which of
+# its nodes are those of the file, in place of `dofs`:
+# `Measurements.from_uff("test.uff", nodes={1: 0, 2: 4, 3: 8})`. The sensor `"2:x"` is then
+# at `"4:ux"`. A file may define axes of their own for nodes (displacement coordinate
+# systems, data sets 18 or 2420), and programs differ in whether they write shapes along
+# these or along the global ones. You are then asked: with `axes="own"` a sensor is a
+# combination by direction cosines, such as `"0.8*4:ux + 0.6*4:uy"`, with `axes="global"`
+# it is left as it is. If you do not know, compare the MAC of both. Without `sensors=` all are used except
 # those that are zero in all modes; a warning names them. `modes=[2, 3]` reads the second
 # and third mode of the file only. Frequencies are undamped and in Hz whatever the units
 # of the file, which holds no standard deviations: give them to the term,

@@ -43,6 +43,9 @@ model = ef.frf.FRFModel(modal, LINES, CHANNELS, damping="damping", kind="acceler
 # file leaves open (analysers may write the type of the ordinate as unknown). A line at
 # 0 Hz, where analysers begin, is left out with a warning, and values come in SI. A
 # channel such as `("2:-ux", "7:uz")` is measured against an axis: its sign is turned.
+# `nodes={12: 3}` names channels by the DOFs of the model, `"3:uz"`, and `axes="own"` turns
+# sensors along a node's own axes ({doc}`csv_and_uff`); then ask the model for
+# `shapes=measured.dofs`.
 # Here a test of 20 averages is simulated:
 
 # %%

@@ -60,6 +60,13 @@ def write_mat(folder, version="5", kind=np.array):
     return path
 
 
+def write_struct(folder):
+    """A structure with a matrix of the same name as one beside it, which counts."""
+    path = folder / "job.mat"
+    savemat(path, {"model": {"K": K, "M": 0.5 * M, "name": "beam"}, "M": M, "n": 2})
+    return path
+
+
 def write_op4(folder, layout):
     path = folder / "beam.op4"
     path.write_text(op4("KAA", K, layout) + op4("MAA", M, layout))
@@ -77,6 +84,7 @@ WRITERS = {
     "CSV, semicolons": lambda folder: write_csv(folder, ";"),
     "CSV, blanks": lambda folder: write_csv(folder, " "),
     "MATLAB": write_mat,
+    "MATLAB, a structure": write_struct,
     "MATLAB, sparse": lambda folder: write_mat(folder, "5", sparse.csc_array),
     "Abaqus": lambda folder: write_abaqus(folder, K, M, DOFS),
     "Abaqus, labels": lambda folder: write_abaqus(folder, K, M, DOFS, "labels"),

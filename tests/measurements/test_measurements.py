@@ -74,7 +74,7 @@ TWICE = np.column_stack([SHAPES, -1.7 * SHAPES[:, 2] + 0.01])
         ([3.1, 20.4, 9.8], {}, r"mode 3 \(9.8 Hz\) is below mode 2"),
         (F, {"covariance": np.triu(COVARIANCE)}, "covariance: .*symmetric"),
         (F, {"shapes": SHAPES.T}, r"shapes: .*got \(3, 4\)"),
-        (F, {"shapes": SHAPES * [1, 0, 1]}, "mode 2 is zero at all sensors"),
+        (F, {"shapes": SHAPES * [1, 0, 1]}, "mode 2 is zero, .* at all sensors"),
         (F, {"shapes": SHAPES, "dofs": [0, 1, 2, 2]}, "dofs: .*distinct"),
         (F, {"shapes": SHAPES, "dofs": ["1:x", "1:-x", "2", "3"]}, "dofs: .*distinct"),
         (F, {"shapes": 1j * SHAPES, "phase_collinearity": F}, "complex shapes"),

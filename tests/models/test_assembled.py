@@ -99,3 +99,73 @@ def test_what_may_not_be_assembled(result, message):
         model({"a": np.array([1.0])})
     with pytest.raises(TypeError, match="shapes: .*got True"):
         ef.AssembledModel(beam, ["x"], n_modes=2, shapes=True)
+
+
+def flagpole(p):
+    """A bar of length x with a mass at its end, and a sensor across it."""
+    bar = ef.Section(E=(2e11, "E"), rho=7800, A=1e-3, I=1e-6)
+    nodes = np.linspace([0, 0], [p["x"] * np.cos(0.4), p["x"] * np.sin(0.4)], 7)
+    bars = [(i, i + 1, "bar") for i in range(6)]
+    return ef.FrameModel(
+        nodes, bars, {"bar": bar}, {0: "fixed"}, n_modes=3, plane="xy",
+        shapes={"across": {"6:ux": -np.sin(0.4), "6:uy": np.cos(0.4)}, "turn": "6:rz"},
+    )  # fmt: skip
+
+
+def test_frequencies_of_a_cantilever_fall_with_the_square_of_its_length():
+    """Mass-normalised shapes of length L are L^(-1/2) and their slopes L^(-3/2)."""
+    model = ef.AssembledModel.from_frame(flagpole, {"E": 1.0, "x": 2.0})
+    assert model.names == ("E", "x") and "6:uy" in model.dofs
+    p = {"E": np.array([1.0, 1.0, 4.0]), "x": np.array([1.0, 3.0, 2.0])}
+    solved, slopes = model.jacobian(p)
+    closed = 1.8751041**2 / (2 * np.pi) * np.sqrt(p["E"] * 2e11 * 1e-6 / 7.8)
+    assert_allclose(solved.frequencies[:, 0], closed / p["x"] ** 2, rtol=1e-4)
+    assert_allclose(
+        slopes["frequency"]["x"][:, 0],
+        -2 * solved.frequencies[:, 0] / p["x"],
+        rtol=1e-5,
+    )
+    size = np.abs(solved.shapes[:, :, 0])
+    assert_allclose(size[1] / size[0], [3**-0.5, 3**-1.5], rtol=1e-9)
+    assert_allclose(
+        slopes["shapes"]["x"][:, :, 0],
+        solved.shapes[:, :, 0] * [-0.5, -1.5] / p["x"][:, None],
+        rtol=1e-5,
+    )
+
+
+def test_a_roller_is_found_where_it_stands():
+    """By the frequencies of a beam on a finer mesh, built for that place."""
+
+    def beam(p, elements=4):
+        bar = ef.Section(E=2e11, rho=7800, A=1e-3, I=1e-6)
+        first, last = np.linspace(0, p["x"], elements + 1), np.linspace(p["x"], 4, 3)
+        nodes = [(x, 0) for x in [*first, *last[1:]]]
+        bars = [(i, i + 1, "bar") for i in range(len(nodes) - 1)]
+        supports = {0: "fixed", elements: "roller"}
+        return ef.FrameModel(nodes, bars, {"bar": bar}, supports, n_modes=3, plane="xy")
+
+    measured = beam({"x": 2.7}, elements=12)({}).frequencies[0]
+    model = ef.AssembledModel.from_frame(beam, {"x": 2.0})
+    term = ef.FrequencyTerm(measured, relative_sd=0.01)
+    prior = ef.IndependentPrior({"x": (2.0, 3.5)})
+    found = ef.find_map(ef.LogPosterior(model, term, prior), 4, seed=1)
+    assert_allclose(found.maxima[0].theta, 2.7, atol=0.01)
+
+
+def test_a_frame_that_changes_its_dofs_is_refused():
+    def held(p):
+        supports = {0: "fixed", 1: "roller"} if p["x"] > 2.5 else {0: "fixed"}
+        bar = ef.Section(E=2e11, rho=7800, A=1e-3, I=1e-6)
+        nodes = [(0, 0), (p["x"], 0)]
+        return ef.FrameModel(
+            nodes, [(0, 1, "bar")], {"bar": bar}, supports, n_modes=1, plane="xy"
+        )
+
+    model = ef.AssembledModel.from_frame(held, {"x": 2.0})
+    with pytest.raises(ValueError, match="frame: .*first 3 DOFs at .*3.0"):
+        model({"x": np.array([2.0, 3.0])})
+    with pytest.raises(ValueError, match=r"at: no value of \['E'\]"):
+        ef.AssembledModel.from_frame(flagpole, {"x": 2.0})
+    with pytest.raises(TypeError, match="frame: expected a AffineModel, got tuple"):
+        ef.AssembledModel.from_frame(lambda p: (1, 2), {"x": 2.0})

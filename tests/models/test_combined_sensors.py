@@ -5,7 +5,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 import emcee_femu as ef
-from emcee_femu.measurements.modes import read_combination, unit_of, write_combination
+from emcee_femu.measurements.directions import (
+    read_combination,
+    unit_of,
+    write_combination,
+)
 
 COS, SIN = 0.8, 0.6
 SKEW = {"2:ux": COS, "2:uy": SIN}
@@ -173,7 +177,9 @@ def test_wrong_combinations_are_refused(dofs, error, message):
 
 
 def test_a_combination_of_dofs_that_do_not_exist_names_them():
-    with pytest.raises(ValueError, match="'9:uy'.*did you mean|nodes with DOFs are"):
+    with pytest.raises(
+        ValueError, match="'9:uy'.*did you mean|nodes with free DOFs are"
+    ):
         ef.PairedModel(FRAME, measured({"2:ux": COS, "9:uy": SIN}))
     with pytest.raises(ValueError, match="each DOF once"):
         frame(shapes={"a": {"2:ux": 1.0, "2:-ux": 0.5}})

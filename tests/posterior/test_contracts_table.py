@@ -14,7 +14,7 @@ from scipy import stats
 
 import emcee_femu as ef
 from emcee_femu.models.sensors import Sensors
-from emcee_femu.results.measured import solve_shapes
+from emcee_femu.results.shapes import solve_shapes
 
 PACKAGE = Path(ef.__file__).parent
 ROWS = re.findall(

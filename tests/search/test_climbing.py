@@ -9,9 +9,9 @@ from support.free_posterior import FreeModel, box, free_posterior
 import emcee_femu as ef
 from emcee_femu.evaluation.evaluator import Evaluation, Solver
 from emcee_femu.search import quadratic
-from emcee_femu.search.climbing import climb, distinct
+from emcee_femu.search.climbing import Maximum, climb, distinct
 from emcee_femu.search.coordinates import Coordinates
-from emcee_femu.search.quadratic import log_integral, make_positive
+from emcee_femu.search.quadratic import log_integral, make_positive, moments_inside
 
 # Lognormal times lognormal: the logarithms of s and t are Gaussian, and x by itself.
 PRIOR = ef.IndependentPrior(
@@ -126,3 +126,24 @@ def test_a_step_inside_a_box_is_the_best_there(gives_up, monkeypatch):
         # No slope but at bounds, and there outwards.
         assert_allclose(np.clip(step + slope, low, high), step, atol=1e-4)
         assert gain == pytest.approx(uphill @ step - step @ curvature @ step / 2)
+
+
+@pytest.mark.parametrize("steepest", [1.0, 1e3, 1e9])
+def test_the_gaussian_at_bounds_falls_as_the_density_does(steepest):
+    """Where it falls steeply from a bound, as an exponential of that slope."""
+    rng = np.random.default_rng(5)
+    factor = rng.normal(size=(4, 4))
+    curvature = factor @ factor.T + 0.1 * np.eye(4)
+    slopes = np.array([-steepest, -3.0 * steepest, 0.0, 0.0])
+    covariance = np.linalg.inv(curvature + np.diag(slopes**2))
+    at_bound = slopes < 0
+    zero = np.zeros(4)
+    top = Maximum(zero, zero, covariance, slopes, 0.0, at_bound, True, "")
+    low, high = np.where(at_bound, 0.0, -np.inf), np.full(4, np.inf)
+    sd = np.sqrt(np.diag(moments_inside(*top.gaussian, low, high)[1]))
+    if steepest > 1.0:
+        np.testing.assert_allclose(sd[:2] * -slopes[:2], 1.0, rtol=0.1)
+        return
+    mean, exact = zero + np.linalg.solve(curvature, slopes), np.linalg.inv(curvature)
+    cut = np.sqrt(np.diag(moments_inside(mean, exact, low, high)[1]))
+    np.testing.assert_allclose(sd, cut, rtol=1e-3)

@@ -56,6 +56,8 @@ def read_npy(path: Path) -> list[Part]:
 def read_mat(path: Path) -> list[Part]:
     """Return the square matrices of a MATLAB or Octave file, by their names there.
 
+    Fields of a structure are read as variables of the file are.
+
     Raises:
         ValueError: If it holds none, or is damaged.
     """
@@ -68,7 +70,11 @@ def read_mat(path: Path) -> list[Part]:
             f"{path}: expected a MATLAB file of version 4 to 7, got "
             f"{type(error).__name__} {error}; {AGAIN}, by save -v7"
         ) from None
-    return _choose_square(path, named)
+    fields: dict[str, Any] = {}
+    for value in named.values():  # of one level, as model.K and model.M
+        if np.shape(value) == (1, 1):
+            fields |= {name: value[name][0, 0] for name in value.dtype.names or ()}
+    return _choose_square(path, fields | named)
 
 
 def read_dense(path: Path) -> list[Part]:
@@ -113,9 +119,19 @@ def _choose_square(path: Path, named: Mapping[str, Any]) -> list[Part]:
             if array.dtype.kind in "iufc":
                 square[name] = array
     if not square:
-        shapes = {name: np.shape(value) for name, value in named.items()}
+        shapes = {
+            name: np.shape(value)
+            for name, value in named.items()
+            if not name.startswith("__")  # what loadmat adds
+        }
+        cure = AGAIN
+        if shapes:
+            cure = (
+                "measured modes are Measurements(frequencies, shapes), with arrays of "
+                f"scipy.io.loadmat; or {AGAIN}"
+            )
         raise ValueError(
-            f"{path}: expected square matrices of numbers, got {shapes}; {AGAIN}"
+            f"{path}: expected square matrices of numbers, got {shapes}; {cure}"
         )
     larger = {name: array for name, array in square.items() if array.shape[0] > 1}
     return [

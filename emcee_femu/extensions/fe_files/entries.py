@@ -154,7 +154,10 @@ def read_lines(path: Path) -> list[str]:
         raise ValueError(f"{path}, line {line}: binary bytes in a text file; {AGAIN}")
     lines = text.replace("\r\n", "\n").split("\n")
     if lines.pop():
-        raise ValueError(f"{path}, line {len(lines) + 1}: it is cut off; {AGAIN}")
+        raise ValueError(
+            f"{path}, line {len(lines) + 1}: the line has no end; is the file cut off? "
+            f"If not, add a line break, else {AGAIN}"
+        )
     return lines
 
 

@@ -264,6 +264,7 @@ LIBRARIES = {  # that read matrices from other files, by their suffix
     ".op2": "pyNastran",
     ".h5": "h5py",
     ".hdf5": "h5py",
+    ".csv": "pandas.read_csv",
     ".xls": "pandas.read_excel",
     ".xlsx": "pandas.read_excel",
     ".rst": "PyMAPDL-Reader",

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Hashable, Sequence
 from copy import copy
-from functools import partial
 from os import PathLike
-from typing import Any, NamedTuple, Self, TypeAlias
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ... import checks
 from ...contracts import Floats, Variable
-from ...measurements.modes import along_axis
-from ...measurements.uff import UFF_AXES, Path
+from ...measurements.directions import along_axis
+from ...measurements.universal import Nodes
 from ...table import Column, Parts, Report, Table
+from .uff import place_channels, read_uff58
 
 # Power of i omega relative to receptance, and the SI unit.
 FRF_KINDS = {
@@ -24,16 +24,6 @@ FRF_KINDS = {
     "mobility": (1, "m/(N s)"),
     "accelerance": (2, "m/(N s2)"),
 }
-# Of data sets 58 of universal files.
-FRF, COHERENCE = 4, 6  # types of functions
-UNKNOWN_ORDINATES = (0, 1)  # types of ordinates: unknown and general
-ORDINATES = {8: "receptance", 11: "mobility", 12: "accelerance"}
-FORCE, FREQUENCY, IEEE = 13, 18, 2
-EVEN = 1  # spacing of the abscissa
-VALUES_PER_LINE = 6  # of a data set 58, at most
-UFF_DIRECTIONS = range(-6, 7)  # 0: not stated, or a scalar
-ENDS = "rsp", "ref"
-DataSet: TypeAlias = Mapping[str, Any]  # as pyuff reads it
 
 
 class Channel(NamedTuple):
@@ -196,14 +186,19 @@ class FRFMeasurements(Report):
         averages: int | None = None,
         between: tuple[float, float] | None = None,
         kind: str | None = None,
+        nodes: Nodes | None = None,
+        axes: str | None = None,
     ) -> Self:
         """Read FRFs and coherences from the data sets 58 of a universal file.
 
         DOFs are labelled as in :meth:`Measurements.from_uff`, ``"12:z"``, or ``"12"``
-        if the file gives no direction. A direction against the axis reverses the sign.
-        The kind follows from the ordinate: displacement, velocity or acceleration over
-        force. Values are converted to SI from the units of the file (data set 164).
-        Text and binary data sets (58b) are read. Requires the extra ``uff``.
+        if the file gives no direction. With ``nodes`` they are
+        DOFs of the model, ``"3:uz"``, or combinations of them, ``"0.8*3:ux +
+        0.6*3:uz"``: give the model ``shapes=measured.dofs``. A direction against the
+        axis reverses the sign. The kind follows from the ordinate: displacement,
+        velocity or acceleration over force. Values are converted to SI from the units
+        of the file (data set 164). Text and binary data sets (58b) are read. Requires
+        the extra ``uff``.
 
         Args:
             path: The universal file.
@@ -213,16 +208,22 @@ class FRFMeasurements(Report):
                 lines are not checked.
             kind: "receptance", "mobility" or "accelerance", if the file does not give
                 it: some analysers write the type of the ordinate as unknown.
+            nodes: ``{node of the file: node of the model}``, as in
+                :meth:`Measurements.from_uff`; channels at other nodes are left out.
+            axes: "own" or "global", where nodes have axes of their own, as there.
 
         Returns:
             The FRFs of all channels, with their coherences.
 
         Raises:
             ImportError: If pyuff is not installed.
-            ValueError: If there are no FRFs, or they differ in lines or kind.
+            ValueError: If there are no FRFs, or they differ in lines or kind; or nodes
+                are given where a channel has no direction, or its axes are not known,
+                or may be those of its node or global ones.
 
         Warns:
-            UserWarning: If a line at 0 Hz is left out, or values are converted to SI.
+            UserWarning: If a line at 0 Hz is left out, values are converted to SI, or,
+                without nodes and axes, nodes have axes of their own.
 
         Examples:
             >>> from emcee_femu.extensions.frf import FRFMeasurements
@@ -233,7 +234,8 @@ class FRFMeasurements(Report):
             ... )  # doctest: +SKIP
         """
         checks.one_of("kind", kind, [None, *FRF_KINDS])
-        fields = _read_uff58(path, averages, kind)
+        fields = read_uff58(path, averages, kind)
+        place_channels(path, fields, nodes, axes)
         if between is not None:
             low, high = checks.group("between", between, "(low, high) in Hz", 2)
             kept = _find_lines(fields["lines"], low, high)
@@ -258,6 +260,11 @@ class FRFMeasurements(Report):
             columns,
         )
 
+    @property
+    def dofs(self) -> tuple[Hashable, ...]:
+        """All DOFs of the channels, each once: what a model needs as ``shapes=``."""
+        return tuple(dict.fromkeys(dof for channel in self.channels for dof in channel))
+
     def between(self, low: float, high: float) -> FRFMeasurements:
         """Return the lines from ``low`` to ``high`` Hz, both included."""
         kept = _find_lines(self.lines, low, high)
@@ -278,141 +285,3 @@ def _find_lines(lines: Floats, low: float, high: float) -> NDArray[np.bool_]:
             f"{lines[0]:g} to {lines[-1]:g}"
         )
     return np.asarray(kept)
-
-
-def _read_uff58(path: Path, averages: int | None, kind: str | None) -> dict[str, Any]:
-    """Return the arguments of :class:`FRFMeasurements`, in SI, of a universal file."""
-    file, types = _open_uff(path)
-    units: DataSet = {"length": 1.0, "force": 1.0}
-    read: dict[int, dict[tuple[str, str], Any]] = {FRF: {}, COHERENCE: {}}
-    lines, kinds, others = None, {}, set()
-    for i, number in enumerate(types):
-        place = f"{path}, data set {i + 1}"
-        if number == 164:
-            units = _ask(place, partial(file.read_sets, i))
-        if number != 58:
-            continue
-        header = _ask(place, partial(file.read_sets, i, header_only=True))
-        function = header["func_type"]
-        if function != FRF and (function != COHERENCE or averages is None):
-            others.add(function)
-            continue
-        data = _ask(place, partial(file.read_sets, i))
-        data = _cut_padding(data)
-        _check_function(place, data)
-        if lines is None:
-            lines = np.asarray(data["x"], dtype=float)
-        if not np.array_equal(data["x"], lines):
-            raise ValueError(f"{place}: other lines than the functions before it")
-        channel, factor = _find_channel(data, units)
-        if channel in read[function]:
-            raise ValueError(
-                f"{place}: {'/'.join(channel)} appears twice; give a file with one"
-            )
-        if function == FRF:
-            kinds[i + 1] = _find_kind(place, data, kind)
-            read[FRF][channel] = factor * np.asarray(data["data"], dtype=complex)
-        else:
-            read[COHERENCE][channel] = np.asarray(data["data"]).real
-    if not kinds:
-        got = f"{types.count(58)} data sets 58, of types {sorted(others)}"
-        raise ValueError(f"{path}: expected data sets 58 of type 4 (FRF), got {got}")
-    if len({*kinds.values()}) > 1:
-        raise ValueError(f"{path}: expected FRFs of one kind, got {kinds} by data set")
-    factors = units["length"], units["force"]
-    if factors != (1.0, 1.0):
-        warnings.warn(
-            f"{path}: FRFs are converted to SI by the file's units (data set 164), "
-            f"with factors of length and force {factors}",
-            stacklevel=3,
-        )
-    fields = {
-        "lines": lines,
-        "values": np.array([*read[FRF].values()]),
-        "channels": [*read[FRF]],
-        "kind": kinds.popitem()[1],
-    }
-    if averages is None:
-        return fields
-    missing = ["/".join(channel) for channel in read[FRF].keys() - read[COHERENCE]]
-    if missing:
-        raise ValueError(f"averages: {path} has no coherence of {missing}; omit it")
-    coherence = np.array([read[COHERENCE][channel] for channel in read[FRF]])
-    return {**fields, "coherence": coherence, "averages": averages}
-
-
-def _open_uff(path: Path) -> tuple[Any, list[int]]:
-    """Return a universal file, opened by pyuff, and the types of its data sets."""
-    checks.file_name("path", path)
-    try:
-        import pyuff
-    except ImportError:
-        raise ImportError(
-            'FRFs of universal files need pyuff: pip install "emcee_femu[uff]"'
-        ) from None
-    with open(path, "rb"):  # Python's message for a missing file, not pyuff's
-        pass
-    file = _ask(path, partial(pyuff.UFF, str(path)))
-    return file, [int(number) for number in _ask(path, file.get_set_types)]
-
-
-def _ask(place: Path, call: Callable[[], Any]) -> Any:
-    """Return what a function of pyuff does."""
-    try:
-        return call()
-    except Exception as error:  # the class that pyuff raises for whatever goes wrong
-        raise ValueError(f"{place}: pyuff cannot read it ({error})") from error
-
-
-def _cut_padding(data: DataSet) -> DataSet:
-    """Return an evenly spaced function without what fills its last line."""
-    points, values = int(data["num_pts"]), data["data"]
-    even = data.get("abscissa_spacing") == EVEN
-    if not even or not 0 < len(values) - points < VALUES_PER_LINE:
-        return data
-    return {**data, "data": values[:points], "x": data["x"][:points]}
-
-
-def _check_function(place: str, data: DataSet) -> None:
-    """Refuse a function that is of another kind or incomplete."""
-    abscissa = data["abscissa_spec_data_type"]
-    for what, got, expected in (
-        ("binary numbers of format", data.get("fp_format", IEEE), (IEEE,)),
-        ("an abscissa of type", abscissa, (*UNKNOWN_ORDINATES, FREQUENCY)),
-        ("a response direction of", data["rsp_dir"], UFF_DIRECTIONS),
-        ("a reference direction of", data["ref_dir"], UFF_DIRECTIONS),
-        ("a number of values of", len(data["data"]), (data["num_pts"],)),
-    ):
-        if got not in expected:
-            raise ValueError(f"{place}: expected {what} {expected}, got {got}")
-
-
-def _find_kind(place: str, data: DataSet, kind: str | None) -> str:
-    """Return the kind of an FRF: that of the file, or else the one that was given."""
-    above, below = data["ordinate_spec_data_type"], data["orddenom_spec_data_type"]
-    stated = ORDINATES.get(above, kind)
-    known = above in (*UNKNOWN_ORDINATES, *ORDINATES)
-    known &= below in (*UNKNOWN_ORDINATES, FORCE)
-    if not known or kind not in (None, stated):
-        raise ValueError(
-            f"{place}: type {above} over {below} is not kind={kind!r}; expected one of "
-            f"{ORDINATES} over force ({FORCE})"
-        )
-    if stated is None or (kind is None and below != FORCE):
-        raise ValueError(
-            f"{place}: it does not say what was measured, type {above} over {below}; "
-            f"if you know, give kind=, one of {[*ORDINATES.values()]}"
-        )
-    return stated
-
-
-def _find_channel(data: DataSet, units: DataSet) -> tuple[tuple[str, str], float]:
-    """Return labels of DOFs, and the factor to SI and to directions along the axes."""
-    response, reference = directions = [int(data[f"{end}_dir"]) for end in ENDS]
-    first, second = (
-        f"{int(data[f'{end}_node'])}" + (f":{UFF_AXES[abs(x) - 1]}" if x else "")
-        for end, x in zip(ENDS, directions, strict=True)
-    )
-    sign = -1.0 if (response < 0) != (reference < 0) else 1.0
-    power = (abs(response) > 3) + (abs(reference) > 3) - 1  # rotations, moments
-    return (first, second), sign * units["force"] * units["length"] ** power

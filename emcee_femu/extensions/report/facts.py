@@ -16,7 +16,8 @@ from ...results.arviz_objects import (
     samples,
     unit_of,
 )
-from ...results.measured import Measured, solve_shapes
+from ...results.measured import Measured
+from ...results.shapes import solve_shapes
 from ...results.tables import summarize
 from ...table import Column, Table, number_columns
 from ...verdict.diagnosis import CONVERGED, NOT_CONVERGED, Diagnosis
