@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import nbformat
+from docutils import nodes
 from jupyter_cache import get_cache
 from jupyter_cache.executors import utils as executors
 from jupyter_client import KernelManager
@@ -44,9 +45,10 @@ HERE = Path(__file__).parent
 ROOT = HERE.parent
 SECTIONS = ["start", "tutorials", "how_to", "explanation"]
 FIGURES = "how_to/gallery"  # the page that draws every figure of the package
-# A cell with a picture: its alternative text, and its code.
+# A cell with a picture: whether it is the page's result, its text, and its code.
 PICTURE = re.compile(
-    r'^# %%.* mystnb={"image": {"alt": "(.*?)"}}\n((?:(?!# %%).*\n)+)', re.M
+    r'^# %%(.*"result".*)? mystnb={"image": {"alt": "(.*?)"}}\n((?:(?!# %%).*\n)+)',
+    re.M,
 )
 
 project = "emcee_femu"
@@ -112,7 +114,7 @@ html_search_scorer = str(HERE / "_static" / "scorer.js")
 html_show_copyright = False
 html_context = {"default_mode": "auto"}
 html_theme_options = {
-    "logo": {"text": "emcee_femu"},
+    "logo": {"text": "emcee_femu", "alt_text": "The mark: a beam bends into a density"},
     "repository_url": "https://github.com/emcee-femu/emcee_femu",
     "use_repository_button": True,
     "use_issues_button": True,
@@ -156,7 +158,9 @@ def list_names() -> None:
         text = file.read_text("utf-8") if page else ""
         title, _, rest = text.partition("\n")
         blocks = re.findall(r"```\{eval-rst\}\n.*?```", rest, re.S)
-        names = "\n\n".join(b.replace("   :toctree: generated\n", "") for b in blocks)
+        # Without what a page describes once: a module, and the pages of its names.
+        once = r"   :toctree: generated\n|\.\. automodule::.*\n"
+        names = "\n\n".join(re.sub(once, "", block) for block in blocks)
         if blocks:
             parts.append(f"## [{title[2:]}]({page}.md)\n\n{names}\n")
     place = HERE / "_build" / "names.md"
@@ -169,7 +173,8 @@ def find_pictures() -> list[tuple[str, str, str]]:
     """Return page, name and alternative text of each picture that pages draw.
 
     A cell has the text of its picture; it is named by its function in the page of all
-    figures, and by its page elsewhere, of which the first picture is taken.
+    figures, and by its page elsewhere, of which its result or the first picture is
+    taken.
     """
     found = []
     for section in SECTIONS:
@@ -177,7 +182,8 @@ def find_pictures() -> list[tuple[str, str, str]]:
             page, text = f"{section}/{source.stem}", source.read_text("utf-8")
             title = text.partition("# # ")[2].partition("\n")[0]
             cells = PICTURE.findall(text)
-            for alt, code in cells if page == FIGURES else cells[:1]:
+            telling = [cell for cell in cells if cell[0]] or cells
+            for _, alt, code in cells if page == FIGURES else telling[:1]:
                 drawn = re.findall(r"plot_\w+", code)
                 found.append((page, drawn[0] if page == FIGURES else title, alt))
     return found
@@ -205,6 +211,16 @@ def name_thumbnail(page: str, name: str) -> str:
     return f"{name if page == FIGURES else page.replace('/', '-')}.png"
 
 
+def read_executed(page: str) -> nbformat.NotebookNode:
+    """Return the notebook of a page with its outputs, of this build or an earlier."""
+    file = HERE / "_build" / "jupyter_execute" / f"{page}.ipynb"
+    notebook = nbformat.read(file, as_version=4)
+    try:
+        return get_cache(nb_execution_cache_path).merge_match_into_notebook(notebook)[1]
+    except KeyError:  # a page that was not executed
+        return notebook
+
+
 def draw_thumbnails(app: Any, error: Exception | None) -> None:
     """Make the gallery's thumbnails of the pictures in executed pages."""
     if error or app.builder.name != "html":
@@ -212,11 +228,9 @@ def draw_thumbnails(app: Any, error: Exception | None) -> None:
     place = Path(app.outdir) / "_static" / "thumbnails"
     place.mkdir(parents=True, exist_ok=True)
     for page, name, alt in find_pictures():
-        file = HERE / "_build" / "jupyter_execute" / f"{page}.ipynb"
-        cells = nbformat.read(file, as_version=4).cells
         data = next(
             output.data["image/png"]
-            for cell in cells
+            for cell in read_executed(page).cells
             if alt in str(cell.metadata)
             for output in cell.get("outputs", [])
             if "image/png" in output.get("data", {})
@@ -272,12 +286,22 @@ def offer_notebook(app: Any, page: str, _: str, context: Any, doctree: Any) -> N
     if doctree is None or not (HERE / f"{page}.py").exists():
         return
     out, name = Path(app.outdir), f"{page}.ipynb"
-    notebook = nbformat.read(out.parent / "jupyter_execute" / name, as_version=4)
+    notebook = read_executed(page)
     if "remove-cell" in notebook.cells[-1].metadata.get("tags", []):
         del notebook.cells[-1]
     (out / "_sources" / name).parent.mkdir(parents=True, exist_ok=True)
     nbformat.write(notebook, out / "_sources" / name)
     context["ipynb_source"] = name
+
+
+def begin_with_result(_: Any, doctree: nodes.document) -> None:
+    """Show what the cell tagged "result" gives below its page's first paragraph."""
+    for cell in [*doctree.findall(nodes.container)]:
+        if "tag_result" in cell["classes"]:
+            begin = doctree.next_node(nodes.section).next_node(nodes.paragraph)
+            output = cell[-1].deepcopy()
+            result = nodes.container("", output, classes=["cell", "result"])
+            begin.parent.insert(begin.parent.index(begin) + 1, result)
 
 
 def find_anywhere(app: Any, env: Any, node: Any, text: Any) -> Any:
@@ -291,12 +315,17 @@ def find_anywhere(app: Any, env: Any, node: Any, text: Any) -> Any:
 
 def mix(app: Any, env: Any, names: list[str]) -> None:
     """Spread the pages that compute over the parts that processes read one by one."""
-    names.sort(key=lambda name: name[::-1])
+    pages = sorted(names, key=lambda name: name[::-1])  # also over the sections
+    code = [name for name in pages if (HERE / f"{name}.py").exists()]
+    groups = code, [name for name in pages if name not in code]
+    place = {name: i / len(group) for group in groups for i, name in enumerate(group)}
+    names.sort(key=place.__getitem__)
 
 
 def setup(app: Any) -> None:
     """Ask for names once more before a missing one is reported; offer notebooks."""
     app.connect("env-before-read-docs", mix)
+    app.connect("doctree-read", begin_with_result)
     app.connect("missing-reference", find_anywhere)
     app.connect("build-finished", draw_thumbnails)
     app.connect("html-page-context", offer_notebook, priority=400)  # before the theme

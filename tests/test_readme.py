@@ -46,6 +46,19 @@ def test_blocks_print_what_is_shown(number, tmp_path, monkeypatch, capsys):
         assert names["run"].solves == pytest.approx(int(said.replace(",", "")), 0.02)
 
 
+def test_the_front_page_says_what_the_readme_says():
+    """The sentence, the line that installs, and the lines with what they print."""
+    front = TEXT[ROOT / "docs" / "index.md"]
+    assert BLOCK.findall(front)[0] == BLOCK.findall(README)[0]
+    for part in (
+        r"\*\*You bring.*?\*\*",
+        r"```bash\ngit clone.*?```",
+        r"\*Torsion.*?\.",
+    ):
+        said, again = (re.search(part, text, re.S)[0] for text in (README, front))
+        assert said == again
+
+
 def test_every_python_command_names_an_existing_example():
     texts = [p for p in (ROOT / "docs").rglob("*.md") if "_build" not in p.parts]
     pages = [ROOT / "README.md", *texts, *(ROOT / "examples").rglob("*.py")]

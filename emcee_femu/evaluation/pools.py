@@ -283,7 +283,7 @@ def _dump(argument: str, executor: object, function: Function) -> bytes:
     try:
         return bytes(import_module("cloudpickle").dumps(function))
     except ImportError:
-        remedy = "pip install 'emcee-femu[notebooks]', for its cloudpickle, or "
+        remedy = "pip install cloudpickle, or "
     except Exception as error:
         why = str(error)
     raise TypeError(

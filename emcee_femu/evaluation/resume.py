@@ -173,8 +173,8 @@ def compare(
         )
     if versions:
         warnings.warn(
-            f"resume: {'; '.join(versions)}. It goes on, but to the bit only as far as "
-            "these compute alike",
+            f"resume: {'; '.join(versions)}. The run continues, but its chain is that "
+            "of an uninterrupted run only if these versions give the same numbers",
             stacklevel=5,
         )
 

@@ -271,8 +271,8 @@ def check_progress(progress: bool | str | None) -> bool | str:
         return checks.flag("progress", progress)
     if find_spec("ipywidgets") is None:
         raise ImportError(
-            "progress: 'notebook' needs ipywidgets: pip install "
-            "'emcee-femu[notebooks]'; or take progress=True, which needs none"
+            "progress: 'notebook' needs ipywidgets: pip install ipywidgets tqdm; or "
+            "take progress=True, which does not"
         )
     return progress
 

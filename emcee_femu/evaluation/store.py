@@ -86,8 +86,8 @@ class Store:
                     file.execute(statement)
             if (names or read_only) and (("record",) not in names or version != FORMAT):
                 raise ValueError(
-                    f"backend: {self.path} is no run file, or of another version of "
-                    "emcee_femu; give a new file name"
+                    f"backend: {self.path} is not the file of a run, or another "
+                    "version of emcee_femu wrote it; give a new file name"
                 )
         except (ValueError, OSError):
             self.close()

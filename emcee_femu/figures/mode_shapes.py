@@ -43,7 +43,7 @@ SIDE, ABOVE = math.radians(30), math.radians(22)
 NO_EXTENT = 1e-9
 BENT_POINTS = 13  # of a line that bends
 FEW_MODES = 3  # modes of the model up to which the two panels are beside each other
-ROW, COLUMN = 0.42, 0.66  # inches of a measured mode, and at least of the model's
+ROW, COLUMN = 0.52, 0.8  # inches of a measured mode, and at least of the model's
 
 
 def plot_shapes(
@@ -484,12 +484,12 @@ def _draw_matrix(
     m, q = pairing.mac.shape
     axes.imshow(pairing.mac, cmap="Blues", vmin=0, vmax=1, aspect="auto")
     for (i, j), value in np.ndenumerate(pairing.mac):
-        text, size = _short(value), 7.0
+        text, size = _short(value), 9.0
         if pairing.chosen[i] == j:
             style: Style = {"fill": False, "ec": RED, "lw": 1.6}
             axes.add_patch(Rectangle((j - 0.47, i - 0.45), 0.94, 0.9, **style))
             if ends is not None:
-                size = 6.5
+                size = 8.0
                 text += "\n" + "–".join(_short(end, 3) for end in ends[:, i])
         color = "white" if value > 0.6 else "black"
         axes.text(j, i, text, ha="center", va="center", color=color, fontsize=size)
@@ -498,7 +498,7 @@ def _draw_matrix(
     axes.set_xticks(range(q), by_model)
     axes.set_yticks(range(m), by_test)
     axes.set(xlabel="the model's modes", ylabel="measured modes")
-    axes.tick_params(labelsize=8, length=0)
+    axes.tick_params(labelsize=9, length=0)
 
 
 def _short(value: float, digits: int = 2) -> str:

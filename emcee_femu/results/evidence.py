@@ -83,9 +83,9 @@ def log_evidence(source: object, discard: int | None = None) -> Evidence:
     the prior probability of this region to obtain the evidence for the full prior.
     "auto" gives the latter directly.
 
-    Of a bare log-probability that holds its prior, and was given bounds alone
-    (:meth:`LogPosterior.from_function`), it is that of the box; ``print`` says what to
-    add.
+    If a bare log-probability already includes its prior and was given with bounds only
+    (:meth:`LogPosterior.from_function`), the evidence is that of the uniform prior in
+    the box; ``print`` says what to add.
 
     The standard errors come from one series per ensemble: the estimate, to first order,
     is a mean over generations of a sum over all walkers and betas, so that its

@@ -304,7 +304,9 @@ def _shorten(off: Sequence[FitRecord]) -> str:
 def _advise(wrong: bool, about: Identifiability) -> str:
     """Say what mends a misfit of which no cause is seen."""
     if wrong:
-        return f"Units or the model are wrong: off by a factor above {WRONG:g}."
+        return (
+            f"Check units and model: they are off by more than a factor of {WRONG:g}."
+        )
     if about.is_error.any():
         return "Improve the model: its error, which is inferred, does not explain this."
     return "Improve the model, or infer its error (discrepancy=)."

@@ -382,8 +382,8 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
     if k > 1:
         which += f" of weight {maxima.weights[0]:.2f}, one of {k}"
     said = (
-        f"Local: of the Gaussian about {which}, not of samples. Where the "
-        "posterior is not Gaussian samples may say otherwise."
+        f"Local: these are numbers of the Gaussian about {which}. Samples of a "
+        "posterior that is not Gaussian may say otherwise."
     )
     known = posterior.names, is_error, prior_mean, prior_sd, bounds
     by_draws = before, draws, np.exp(log_weights), mean, covariance, logs

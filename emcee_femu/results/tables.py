@@ -191,7 +191,7 @@ def frequency_table(
     tests = find_experiments((m.name for m in measured_variables(idata)), "frequency")
     if experiment is None and tests:
         if published is not None:
-            raise ValueError(f"published: name one experiment of {tests} with it")
+            raise ValueError(f"published: name one of the experiments {tests} as well")
         given = posterior if asked else None
         tables = {name: frequency_table(idata, given, None, name) for name in tests}
         title = f"Natural frequencies{describe_certificate(idata)}"

@@ -178,8 +178,8 @@ class Annealed(Report):
         )
         if self.failed_solves:
             yield (
-                f"{self.failed_solves} solves failed: the evidence takes the "
-                "likelihood for zero there"
+                f"{self.failed_solves} solves failed: the evidence counts the "
+                "likelihood there as zero"
             )
 
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import emcee
 import numpy as np
-from commands import command, weigh
+from commands import command, tabulate, weigh
 from hard_posteriors import box, correlated, gaussians
 
 import emcee_femu as ef
@@ -93,6 +93,8 @@ MOVES = {
     "emcee DEMove": emcee.moves.DEMove(),
     "emcee StretchMove": emcee.moves.StretchMove(),
 }
+COLUMNS = {"target": "", "move": "", "ESS": ".1f", "end to end": ".1f"}
+COLUMNS |= {"left mode": ".3f"}
 if importlib.util.find_spec("dime_sampler"):
     from dime_sampler import DIMEMove
 
@@ -102,8 +104,8 @@ if importlib.util.find_spec("dime_sampler"):
 def main(
     steps: int = 2_000, targets: tuple[str, ...] = tuple(TARGETS)
 ) -> dict[str, Comparison]:
-    """Print a table a target, and the share of the draws with x1 < 0; return them."""
-    compared = {}
+    """Print the efficiencies, and the share of bim5's left mode; return comparisons."""
+    compared, rows = {}, []
     for name in targets:
         make, nwalkers = TARGETS[name]
         posterior, *moments = make()
@@ -112,10 +114,12 @@ def main(
         found = compared[name] = ef.compare_moves(
             posterior, MOVES, nwalkers, steps, seed=1, reference=reference
         )
-        print(f"{name}, {nwalkers} walkers, {steps} steps", found, sep="\n")
-        for label, idata in found.idata.items():
+        ends = zip(found.idata.items(), found.table.column("end to end"), strict=True)
+        for (label, idata), end in ends:
             first = idata["posterior"][posterior.names[0]].values
-            print(f"{label}: share of {(first < 0).mean():.3f} below zero")
+            share = (first < 0).mean() if name == "bim5" else np.nan
+            rows.append((name, label, found.efficiency[label][0], end, share))
+    tabulate("Effective samples per 1000 evaluations", COLUMNS, rows)
     return compared
 
 

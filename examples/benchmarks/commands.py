@@ -1,13 +1,20 @@
 """What the benchmarks share: options, tables and moments by importance sampling.
 
 The options of a benchmark are the arguments of its ``main``:
-``python examples/benchmarks/evidence.py --help`` lists them.
+``python examples/benchmarks/evidence.py --help`` lists them. What it prints begins with
+its command, the version and the day. Pages include such output from ``measured/``:
+
+    python examples/benchmarks/evidence.py > examples/benchmarks/measured/evidence.txt
 """
 
 import argparse
 import inspect
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from datetime import date
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,7 +43,11 @@ def command(main: Callable[..., object]) -> None:
             default=default,
             help=f"default: {' '.join(map(str, default)) if several else default}",
         )
-    main(**vars(parser.parse_args()))
+    given = vars(parser.parse_args())
+    script = f"examples/benchmarks/{Path(sys.argv[0]).name}"
+    print("$ OMP_NUM_THREADS=1 python", shlex.join([script, *sys.argv[1:]]))
+    print(f"emcee_femu {version('emcee-femu')}, {date.today()}\n", flush=True)
+    main(**given)
 
 
 def tabulate(title: str, formats: Mapping[str, str], rows: Iterable[Any]) -> Table:

@@ -61,7 +61,7 @@ TARGETS = "two springs", *SLOW, "ten modes, d=5", "arc, width .08"
 ON_RIDGE = "Settings", "auto", "campaign", "response_surface"
 COLUMNS = {
     "constant": "", "value": "", "half": ".2f", "conv.": "", "wrong": "", "differ": "",
-    "double": ".2f", "conv. ": "", "wrong ": "", "differ ": "",
+    "twice": ".2f", "conv. ": "", "wrong ": "", "differ ": "",
 }  # fmt: skip
 
 

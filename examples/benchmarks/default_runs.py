@@ -56,7 +56,7 @@ PROBLEMS: dict[str, Callable[[], ef.LogPosterior]] = {
 }
 COLUMNS = {
     "problem": "", "runs": "", "converged": "", "solves": ",.0f", "most": ",",
-    "search": ",.0f", "ESS": ",.0f", "for 1,000": ",.0f", "of the chain": ",.0f",
+    "search": ",.0f", "ESS": ",.0f", "1,000 more": ",.0f",
 }  # fmt: skip
 
 
@@ -73,8 +73,8 @@ def main(
             converged += diagnosis.converged
             found.append((run.solves, run.search.solves, diagnosis.ess_bulk.min()))
         solves, search, sizes = np.array(found).T
-        each, chain = 1e3 * solves / sizes, 1e3 * (solves - search) / sizes
-        medians = [*map(np.median, (solves, search, sizes, each, chain))]
+        more = 1e3 * (solves - search) / sizes  # the search is not repeated
+        medians = [*map(np.median, (solves, search, sizes, more))]
         return name, seeds, converged, medians[0], int(solves.max()), *medians[1:]
 
     return tabulate("Default runs; medians of the seeds", COLUMNS, map(row, problems))

@@ -70,10 +70,8 @@ def tuned(posterior: ef.LogPosterior) -> Any:
 MOVES: dict[str, Callable[[ef.LogPosterior], Any]] = {
     "auto": lambda posterior: "auto",
     "DE-MC": lambda posterior: ef.DEMCMove(),
-    "DE-MC, one by one": lambda posterior: ef.DEMCMove(
-        nsplits=max(8, 2 * posterior.ndim)
-    ),
-    "Metropolis, tuned": tuned,
+    "DE-MC, in turn": lambda posterior: ef.DEMCMove(nsplits=max(8, 2 * posterior.ndim)),
+    "M-H, tuned": tuned,
     "stretch": lambda posterior: emcee.moves.StretchMove(),
     "tempered": lambda posterior: ef.moves.TemperedMove(ef.DEMCMove(), BETAS),
 }

@@ -35,9 +35,8 @@ SETS |= {"overlaps": OVERLAPS}
 ALL = TARGETS | FRESH | BELIEVED | OVERLAPS
 FAR_MEAN, FAR_SD, FAR_WEIGHT = 0.15, 0.12, 0.05
 COLUMNS = {
-    "target": "", "runs": "", "converged": "", "wrong": "", "right": "",
-    "converged ": "", "worst sd %": ".0f", "rms z": ".2f",
-    "solves": ",.0f",
+    "target": "", "runs": "", "converged": "", "wrong": "", "sd off %": ".0f",
+    "rms z": ".2f", "solves": ",.0f",
 }  # fmt: skip
 
 
@@ -110,10 +109,8 @@ def compare(
 def summarize(name: str, runs: list[Run]) -> tuple[object, ...]:
     """Return a row of the table."""
     good = [run for run in runs if run.converged]
-    right = [run for run in runs if run.right]
     return (
-        name, len(runs), len(good), sum(run.wrong for run in good), len(right),
-        sum(run.converged for run in right),
+        name, len(runs), len(good), sum(run.wrong for run in good),
         100 * max((run.sd for run in good), default=np.nan),
         np.sqrt(np.mean([run.z**2 for run in good] or [np.nan])),
         np.median([run.solves for run in runs]),
@@ -133,13 +130,14 @@ def main(
         return summarize(name, results[name])
 
     title = "Hard targets: what runs called converged are worth"
-    table = tabulate(title, COLUMNS, map(row, names))
-    runs, called, wrong, right, both = (
-        sum(row[i] for row in table.rows) for i in range(1, 6)
-    )
+    tabulate(title, COLUMNS, map(row, names))
+    runs = [run for found in results.values() for run in found]
+    called, right = ([r for r in runs if r.converged], [r for r in runs if r.right])
     print(
-        f"{called} of {runs} runs are called converged, {wrong} of these are wrong;\n"
-        f"{right} runs are right, {both} of these are called converged."
+        f"{len(called)} of {len(runs)} runs are called converged, "
+        f"{sum(run.wrong for run in called)} of these are wrong;\n{len(right)} runs "
+        f"are right, {sum(run.converged for run in right)} of these are called "
+        "converged."
     )
     return results
 

@@ -4,7 +4,7 @@ A concrete block of 8-node bricks, fixed at its foot. The moduli of its four qua
 one above the other, are unknown. Six modes are wanted, and reduced to a relative
 frequency error of 1e-4, unless a solve takes more than 100 s. Every row is a process of
 its own, so that the memory is its peak. PARDISO takes part if it is installed:
-``pip install 'emcee_femu[pardiso]'``.
+``pip install pypardiso``.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/large_model.py
 """

@@ -1,9 +1,10 @@
 # %% [markdown]
 # # From records to a posterior with pyOMA2
 #
-# Identify modes and their uncertainties from acceleration records by pyOMA2, and update
-# a model with them. `python examples/how_to/ambient_vibration.py` runs this page (4 s);
-# it takes `pip install "emcee_femu[oma]"`.
+# For those who have acceleration records and no modes yet: pyOMA2 identifies modes
+# and their uncertainties, and the model is updated with them. `python
+# examples/how_to/ambient_vibration.py` runs the page (4 s); it takes `pip install
+# pyOMA_2`.
 #
 # Five floors of 25.91 kg on springs vibrate under unmeasured wind and traffic. Five
 # accelerometers record 300 s. How stiff is each storey?
@@ -102,7 +103,7 @@ def posterior(measured):  # of the storeys' stiffnesses k1 (ground) to k5
 # A real structure deviates from its model by more than 0.2 % in frequency: use
 # `FrequencyTerm(measured, discrepancy="model error")`.
 
-# %%
+# %% tags=["result"]
 if __name__ == "__main__":
     target = posterior(measured)
     run = ef.run(target, seed=4)

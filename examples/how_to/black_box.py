@@ -1,11 +1,11 @@
 # %% [markdown]
 # # Use a program as a black box
 #
-# Any program that is started from a command line can be a model: write its input file,
-# start it, read its output. `emulate` then learns the outputs from some tens of solves,
-# and `certify` checks the posterior against full ones. Some parameter sets cannot be
-# solved: that stops a run, with nothing lost, or is rejected and counted. `python
-# examples/how_to/black_box.py` runs this page (6 s of processor time).
+# For those whose model is a program that is started from a command line: write its
+# input file, start it, read its output. `emulate` then learns the outputs from some
+# tens of solves, and `certify` checks the posterior against full ones. Parameter sets
+# that cannot be solved stop a run, with nothing lost, or are rejected and counted.
+# `python examples/how_to/black_box.py` runs the page (6 s).
 #
 # ## The program
 #
@@ -107,7 +107,7 @@ print("the first one:", log.kept[0].message, dict(log.kept[0].parameters), sep="
 #
 # ## Emulate, run, certify
 
-# %%
+# %% tags=["result"]
 before = len(starts)
 emulated = ef.emulate(posterior, 30, **reject)
 run = ef.run(emulated.posterior, seed=1)

@@ -194,7 +194,7 @@ if __name__ == "__main__":
 # z is the difference over its standard error, of the certificate and of chain (b)
 # together.
 
-# %%
+# %% tags=["result"]
 if __name__ == "__main__":
     draws = np.concatenate([sampler.get_chain(flat=True) for sampler in exactly])
     mean, sd = draws.mean(axis=0), draws.std(axis=0)

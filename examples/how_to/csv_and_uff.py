@@ -1,11 +1,11 @@
 # %% [markdown]
 # # Read measured modes
 #
-# Read the modes of a test into {py:class}`~emcee_femu.Measurements`, the one object
-# that terms and pairing take. They come from arrays, a CSV file that you fill in
-# yourself, a universal file of a test system, an identification by pyOMA2, or several
-# tests of one structure. `python examples/how_to/csv_and_uff.py` runs this page (2 s).
-# Its numbers are made up.
+# For everybody whose modes are in arrays, in a CSV file that you fill in yourself, in
+# a universal file of a test system, in an identification by pyOMA2, or in several
+# tests of one structure. What comes out is {py:class}`~emcee_femu.Measurements`, the
+# one object that terms and pairing take. `python examples/how_to/csv_and_uff.py` runs
+# the page (2 s). Its numbers are made up.
 #
 # ## From arrays
 #
@@ -16,7 +16,7 @@
 # `"3:-uy"`: its row of shapes is turned. NaN is what is not known: a sensor that was
 # missing in one mode, or a standard deviation or damping ratio of one mode.
 
-# %%
+# %% tags=["result"]
 import tempfile
 import textwrap
 from pathlib import Path

@@ -1,10 +1,10 @@
 # %% [markdown]
 # # Emulate modes that cross
 #
-# Return the mode shapes, declare them, and return a closed set of modes; `emulate` does
-# the rest. This page shows why, and what it gains.
-# `python examples/how_to/emulated_crossing_modes.py` runs it (6 s of processor time) on
-# made-up data.
+# For those who emulate a slow model whose modes may cross: return the mode shapes,
+# declare them, and return a closed set of modes; `emulate` does the rest. This page
+# shows why, and what it gains. `python examples/how_to/emulated_crossing_modes.py`
+# runs the page (6 s) on made-up data.
 #
 # ## The kink
 #
@@ -16,7 +16,7 @@
 # are unknown, as fractions of their nominal values; a small coupling keeps the modes
 # apart.
 
-# %% mystnb={"image": {"alt": "The two lowest frequencies over the height: one rises, one is level, and where height and width are equal each takes the place of the other in a sharp bend"}}
+# %% tags=["result"] mystnb={"image": {"alt": "The two lowest frequencies over the height: one rises, one is level, and where height and width are equal each takes the place of the other in a sharp bend"}}
 import matplotlib.pyplot as plt
 import numpy as np
 

@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Update from frequency response functions
 #
-# Compare measured frequency response functions (FRFs) with a model's line by line,
-# without identifying modes first, and infer the damping too.
-# `python examples/how_to/frf.py` runs this page (4 s).
+# For those who have frequency response functions (FRFs) and want to compare them with
+# a model line by line, without identifying modes first, with the damping inferred.
+# `python examples/how_to/frf.py` runs the page (4 s).
 #
 # A hammer or shaker test gives FRFs: response over force. Here a simulated three-storey
 # frame is excited at the roof and measured at the roof and the first floor.
@@ -12,8 +12,12 @@
 #
 # {py:class}`~emcee_femu.frf.FRFModel` superposes the modes of any model that returns
 # mass-normalised shapes: `MatrixModel(..., shapes=True)`, its reduction, a
-# {py:class}`~emcee_femu.FrameModel`. Damping is a ratio, or the name of a parameter, or one
-# of these per mode, or `{"mass": "a", "stiffness": "b"}` for proportional damping.
+# {py:class}`~emcee_femu.FrameModel`.
+#
+# ## Damping
+#
+# It is a ratio, or the name of a parameter, or one of these per mode, or
+# `{"mass": "a", "stiffness": "b"}` for proportional damping.
 
 # %%
 import numpy as np
@@ -33,7 +37,7 @@ model = ef.frf.FRFModel(modal, LINES, CHANNELS, damping="damping", kind="acceler
 # `residual=True` a `MatrixModel` adds it exactly. All walkers are one batch, with
 # derivatives.
 #
-# ## The measurement
+# ## FRFs
 #
 # {py:class}`~emcee_femu.frf.FRFMeasurements` holds receptance (displacement over
 # force), mobility (velocity) or accelerance (acceleration), each channel a pair
@@ -79,7 +83,7 @@ run = ef.run(posterior, seed=1)
 idata = ef.to_inference_data(run)
 ef.parameter_table(idata, true=truth)
 
-# %% mystnb={"image": {"alt": "Amplitudes of two measured FRFs with the band that the model predicts"}}
+# %% tags=["result"] mystnb={"image": {"alt": "Amplitudes of two measured FRFs with the band that the model predicts"}}
 ef.frf.plot_frf(idata, posterior)
 
 # %% [markdown]

@@ -1,9 +1,10 @@
 # %% [markdown]
 # # A gallery of figures
 #
-# Every figure of the package, with the line that draws it. `python
-# examples/how_to/gallery.py` runs this page (10 s). Each function returns a matplotlib
-# figure: save it with `figure.savefig("name.pdf")`. {doc}`report` explains more.
+# For those who look for a figure: every figure of the package, with the line that
+# draws it. `python examples/how_to/gallery.py` runs the page (10 s). Each function
+# returns a matplotlib figure: save it with `figure.savefig("name.pdf")`.
+# {doc}`report` explains more.
 #
 # The structure is a simulated shear building of three storeys with two measured modes.
 
@@ -45,7 +46,7 @@ ef.figures.plot_correlation(run)
 # %% mystnb={"image": {"alt": "Deviations of two frequencies before and after updating, and their MAC"}}
 ef.figures.plot_predictive(run)
 
-# %% mystnb={"image": {"alt": "Two measured mode shapes on the building and those of the updated model"}}
+# %% tags=["result"] mystnb={"image": {"alt": "Two measured mode shapes on the building and those of the updated model"}}
 ef.figures.plot_shapes(run)
 
 # %% mystnb={"image": {"alt": "MAC of two measured and three model modes, before and after updating"}}
@@ -77,10 +78,10 @@ ef.frf.plot_frf(frf_run)
 tests = {}
 for day, shift in {"May": 0.99, "June": 1.0, "July": 1.01}.items():
     term = ef.FrequencyTerm(shift * test.frequencies, relative_sd=0.01)
-    of_day = ef.LogPosterior(model, term, prior)
+    of_day = ef.LogPosterior(model, term, prior, dict.fromkeys(truth, "kN/m"))
     tests[day] = ef.to_inference_data(ef.run(of_day, steps=60, ensembles=2, seed=1))
 population = ef.population.NormalPopulation(["k1", "k3"])
-pooled = ef.pool_tests(tests, population, seed=1, steps=60, ensembles=1)
+pooled = ef.pool_tests(tests, population, seed=1, steps=40, ensembles=1, draws=200)
 
 # %% mystnb={"image": {"alt": "Two stiffnesses of three tests, each alone and given all, their mean and the next test"}}
 ef.figures.plot_population(pooled)
@@ -90,7 +91,7 @@ ef.figures.plot_population(pooled)
 
 # %%
 moves = {"DE-MC": ef.DEMCMove(), "auto": "auto"}
-compared = ef.compare_moves(posterior, moves, 20, steps=100, seed=2)
+compared = ef.compare_moves(posterior, moves, 12, steps=100, ensembles=2, seed=2)
 
 # %% mystnb={"image": {"alt": "Effective samples per evaluation of two moves, and the error of each running mean"}}
 ef.figures.plot_comparison(compared)
@@ -98,7 +99,7 @@ ef.figures.plot_comparison(compared)
 # %%
 narrow = ef.GaussianPrior([*truth], [20e3] * 3, 1e3, bounds)
 sure = ef.LogPosterior(paired, terms, narrow)
-other = ef.run(sure, steps=150, ensembles=2, seed=1)
+other = ef.run(sure, steps=60, ensembles=2, seed=1)
 classes = ef.compare_models({"prior 15 %": run, "prior 5 %": other})
 
 # %% mystnb={"image": {"alt": "Log evidence of two models with error bars, and their probabilities"}}

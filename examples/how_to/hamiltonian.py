@@ -1,11 +1,13 @@
 # %% [markdown]
 # # Many parameters: Hamiltonian moves
 #
-# Random walks need more solves the more parameters there are. If a model has
-# `jacobian`, as all of this package have, a gradient comes with a solve, and
-# {py:class}`~emcee_femu.moves.HamiltonianMove` follows it. Each proposal is the end of
-# a trajectory of `steps` leapfrog steps, one solve each. This page tunes it and runs
-# it. `python examples/how_to/hamiltonian.py` runs this page in some 5 s.
+# For models with ten parameters and more and with derivatives. Random walks need more
+# solves the more parameters there are. If a model has `jacobian`, as all of this
+# package have, a gradient comes with a solve, and
+# {py:class}`~emcee_femu.moves.HamiltonianMove` follows it. This page tunes and runs
+# it. `python examples/how_to/hamiltonian.py` runs the page (5 s).
+#
+# Each proposal is the end of a trajectory of `steps` leapfrog steps, one solve each.
 #
 # A ten-storey tower has a weak fourth storey; five frequencies and shapes at every
 # second floor are measured (all simulated):
@@ -53,7 +55,7 @@ print(move.steps, "steps of", round(move.step_size, 2))
 # Walkers move independently, so a few are enough. Start them at a maximum or after a
 # burn-in: from draws of the prior the move is slow.
 
-# %%
+# %% tags=["result"]
 starts = found.draw(4 * 8, seed=2).reshape(4, 8, 10)
 run = ef.run(posterior, move, nwalkers=8, steps=100, seed=1, starts=starts)
 diagnosis = ef.diagnose(run, discard=20)

@@ -1,10 +1,11 @@
 # %% [markdown]
 # # Use the matrices that an FE program exports
 #
-# Read K and M from the files of CalculiX, Abaqus, Nastran, ANSYS or any other program,
-# and give their rows the names of the test's sensors. The model made from them solves
-# thousands of parameter sets without the program. `python examples/how_to/matrices.py`
-# runs this page (2 s). Its numbers are made up.
+# For those whose FE program exports K and M: read the files of CalculiX, Abaqus,
+# Nastran, ANSYS or any other program, and give their rows the names of the test's
+# sensors. The model made from them solves thousands of parameter sets without the
+# program. `python examples/how_to/matrices.py` runs the page (2 s). Its numbers are
+# made up.
 #
 # {doc}`calculix` does so with the files of a real program.
 #
@@ -16,7 +17,7 @@
 # | Abaqus | a step with `*MATRIX GENERATE, STIFFNESS, MASS` and `*MATRIX OUTPUT, STIFFNESS, MASS, FORMAT=MATRIX INPUT` | `job_STIF1.mtx`; `job_MASS1.mtx` is found beside it |
 # | Nastran | `PARAM,EXTOUT,DMIGPCH` or `EXTSEOUT(STIFFNESS,MASS,DMIGPCH)` | the punch file `job.pch` |
 # | Nastran | `OUTPUT4 KAA,MAA//0/11 $` in DMAP, `ASSIGN OUTPUT4='km.op4',UNIT=11,FORM=FORMATTED` | `km.op4`, which has no labels |
-# | ANSYS | a modal analysis writes `file.full` | `file.full`, with `pip install "emcee_femu[ansys]"` |
+# | ANSYS | a modal analysis writes `file.full` | `file.full`, with `pip install ansys-mapdl-reader` |
 # | ANSYS | `*SMAT,K,D,IMPORT,FULL,file.full,STIFF`, `*EXPORT,K,MMF,K.mtx`; M by `MASS` | `{"K": "K.mtx", "M": "M.mtx"}`, no labels |
 # | ANSYS | `HBMAT,K,txt,,ASCII,STIFF,NO` and `HBMAT,M,txt,,ASCII,MASS,NO` after `/AUX2` and `FILE,file,full`: Harwell-Boeing (RSA or RUA) | `{"K": "K.txt", "M": "M.txt"}`, no labels |
 # | any other | Matrix Market (`scipy.io.mmwrite`) or `scipy.sparse.save_npz` | `{"K": "K.mtx", "M": "M.mtx"}`, no labels |
@@ -32,7 +33,7 @@
 # file with a line `node.direction` for each row is given with the matrices. CalculiX's
 # `.dof` is such a file.
 
-# %%
+# %% tags=["result"]
 import tempfile
 from pathlib import Path
 

@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Update an OpenSees model
 #
-# Take K and M from a model that you build in OpenSeesPy, and update it without OpenSees
-# in the loop. `python examples/how_to/opensees.py` runs this page (3 s); it takes
-# `pip install "emcee_femu[opensees]"`.
+# For those who build their model in OpenSeesPy: take K and M from it, and update it
+# without OpenSees in the loop. `python examples/how_to/opensees.py` runs the page (3
+# s); it takes `pip install openseespy`.
 #
 # A frame of two storeys and one bay is updated from four measured frequencies
 # (simulated here), with three factors: on the stiffness of the lower columns, of the
@@ -41,7 +41,7 @@ def load_opensees():
     except (ImportError, OSError, RuntimeError) as error:
         raise ImportError(
             f"OpenSees does not import ({error}). If it is not installed: "
-            "pip install 'emcee_femu[opensees]'. If it is, a BLAS or the Fortran "
+            "pip install openseespy. If it is, a BLAS or the Fortran "
             "runtime is missing: apt install libblas3 libgfortran5, or conda "
             "install -c conda-forge libblas libgfortran. There are no wheels for "
             "Linux on ARM"
@@ -134,7 +134,7 @@ def frequencies(ops, theta):  # in Hz, by OpenSees
 # ({doc}`/tutorials/noise_and_model_error`). The cell is inside `if __name__ ==
 # "__main__":`, so that the functions above can be imported without OpenSees.
 
-# %%
+# %% tags=["result"]
 if __name__ == "__main__":
     ops, names, rng = load_opensees(), list(TRUTH), np.random.default_rng(1)
     ones = dict.fromkeys(names, 1.0)

@@ -1,10 +1,11 @@
 # %% [markdown]
 # # Models, terms and derivatives of your own
 #
-# Update a model from any measured quantity, with a likelihood of your own, and get the
-# same tables and figures as for modes. Pass the derivatives of an FE program to the
-# posterior, so that its gradient costs one solve, and see what happens without them.
-# `python examples/how_to/other_quantities.py` runs this page (4 s).
+# For those who measured something else than modes, or have a likelihood or
+# derivatives of their own. A model is updated from any measured quantity, with the
+# same tables and figures as for modes; the derivatives of an FE program make a
+# gradient cost one solve. `python examples/how_to/other_quantities.py` runs the page
+# (4 s).
 #
 # A model may return any response: an object with attributes, or a mapping, each value
 # an array with one row per walker. A term lists in `reads` what it needs from it. The
@@ -60,7 +61,7 @@ ef.parameter_table(run)
 # %%
 ef.diagnose(run)
 
-# %% mystnb={"image": {"alt": "Measured deflections at three places, and the intervals that the model predicts"}}
+# %% tags=["result"] mystnb={"image": {"alt": "Measured deflections at three places, and the intervals that the model predicts"}}
 ef.figures.plot_predictive(run)
 
 # %% [markdown]

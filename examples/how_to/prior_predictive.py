@@ -1,10 +1,10 @@
 # %% [markdown]
 # # Check that the prior allows what was measured
 #
-# A prior predictive check: let draws of the prior predict the test before any sampling.
-# If what was measured is unlike all predictions, model, prior and test contradict each
-# other, and a posterior would be their compromise. The test is simulated here.
-# `python examples/how_to/prior_predictive.py` runs this page (4 s).
+# For everybody, before any sampling: let draws of the prior predict the test. If what
+# was measured is unlike all predictions, model, prior and test contradict each other,
+# and a posterior would be their compromise. The test is simulated here. `python
+# examples/how_to/prior_predictive.py` runs the page (4 s).
 #
 # A building has three floors of 20 t; the drawings say 30 MN/m for each storey, and one
 # factor of all stiffnesses is to be updated. Three frequencies were measured to 1 %.
@@ -56,7 +56,7 @@ def share_farther(tests):
 both = {"one factor": tests, "a factor for each storey": predict(storeys)}
 shares = {name: share_farther(drawn) for name, drawn in both.items()}
 
-# %% mystnb={"image": {"alt": "Ratio of the second to the first frequency against the first: with one factor the predictions lie on a level line below the measured ratio, with a factor for each storey in a cloud around it"}}
+# %% tags=["result"] mystnb={"image": {"alt": "Ratio of the second to the first frequency against the first: with one factor the predictions lie on a level line below the measured ratio, with a factor for each storey in a cloud around it"}}
 figure, panels = plt.subplots(1, 2, figsize=(8, 3.6), sharex=True, sharey=True)
 for axes, (name, drawn) in zip(panels, both.items(), strict=True):
     axes.plot(drawn[:, 0], drawn[:, 1] / drawn[:, 0], ".", alpha=0.5)

@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Update a PyNite model
 #
-# Take K and M from a model that you build in PyNite, and update it without PyNite in
-# the loop. `python examples/how_to/pynite.py` runs this page (4 s); it takes
-# `pip install "emcee_femu[pynite]"`.
+# For those who build their model in PyNite: take K and M from it, and update it
+# without PyNite in the loop. `python examples/how_to/pynite.py` runs the page (4 s);
+# it takes `pip install PyNiteFEA`.
 #
 # A steel platform on four columns carries a pump on one of its long beams. It is
 # updated from five measured frequencies (simulated here), with three factors: on the
@@ -104,7 +104,7 @@ def assemble(theta):
 # makes $K = K_0 + \sum_j \theta_j K_j$ from one assembly with all factors 1 and one per
 # group doubled. {doc}`opensees` has the same steps, and more words on them.
 
-# %%
+# %% tags=["result"]
 if __name__ == "__main__":
     names, rng = list(TRUTH), np.random.default_rng(1)
     ones = dict.fromkeys(names, 1.0)

@@ -1,10 +1,10 @@
 # %% [markdown]
 # # Write a report to hand over
 #
-# Write one HTML file that says what was measured, what was assumed, what the result is
-# and how far it can be trusted; or put tables and figures into your own document, and
-# pass the samples to ArviZ. `python examples/how_to/report.py` runs this page (5 s); it
-# takes `pip install "emcee_femu[report]"`.
+# For those who hand over a result: write one HTML file that says what was measured,
+# what was assumed, what the result is and how far it can be trusted; or put tables
+# and figures into your own document, and pass the samples to ArviZ. `python
+# examples/how_to/report.py` runs the page (5 s); it takes `pip install jinja2`.
 #
 # A steel mast of 6 m bends in one plane. Frequencies and shapes of three modes are simulated
 # here, with accelerometers at 2, 4 and 6 m. How stiff are its lower and upper half?
@@ -98,7 +98,7 @@ print(frame[["parameter", "mean", "sd/prior sd"]].to_latex(index=False))
 # text. `truths=` marks values in blue, `var_names=` chooses the parameters, and a
 # quantity that you write into the ArviZ object is one of them:
 
-# %% mystnb={"image": {"alt": "Histograms and scatter of the modulus of the lower half and of its ratio to that of the upper half"}}
+# %% tags=["result"] mystnb={"image": {"alt": "Histograms and scatter of the modulus of the lower half and of its ratio to that of the upper half"}}
 idata = ef.to_inference_data(run)
 samples = idata["posterior"]
 samples["lower / upper"] = samples["E lower"] / samples["E upper"]

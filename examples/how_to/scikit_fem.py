@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Update a scikit-fem model
 #
-# Assemble K for parts of a mesh in scikit-fem, and find the part that has lost
-# stiffness. `python examples/how_to/scikit_fem.py` runs this page (6 s); it takes
-# `pip install "emcee_femu[skfem]"`.
+# For those who assemble their model in scikit-fem: take K for parts of a mesh, and
+# find the part that has lost stiffness. `python examples/how_to/scikit_fem.py` runs
+# the page (6 s); it takes `pip install scikit-fem`.
 #
 # A plate clamped along one edge may have lost stiffness in any of four strips. Eight
 # measured frequencies (simulated here) are to determine the bending stiffness of each.
@@ -114,7 +114,7 @@ def frequencies(basis, theta):  # in Hz, by scikit-fem
 # %% [markdown]
 # Every element belongs to a strip, so $K_0$ is zero.
 
-# %%
+# %% tags=["result"]
 if __name__ == "__main__":
     names, rng, basis = list(TRUTH), np.random.default_rng(1), plate()
     ones = dict.fromkeys(names, 1.0)

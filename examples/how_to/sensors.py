@@ -1,9 +1,10 @@
 # %% [markdown]
 # # Sensors that are no DOF
 #
-# A sensor that is skew, a strain gauge, the difference of two points: each is a
-# **combination of DOFs**, `{DOF: factor}`, and is given wherever a DOF is.
-# `python examples/how_to/sensors.py` runs this page (3 s); its numbers are simulated.
+# For tests with a sensor that is skew, a strain gauge, or the difference of two
+# points: each is a **combination of DOFs**, `{DOF: factor}`, and is given wherever a
+# DOF is. `python examples/how_to/sensors.py` runs the page (3 s); its numbers are
+# simulated.
 #
 # | sensor | `dofs=[...]` of the measurements |
 # |---|---|
@@ -20,7 +21,7 @@
 # rotations by `L`. In a CSV file write the combination as a text, in the column `dof`:
 # `0.8*2:ux + 0.6*2:uy`.
 
-# %%
+# %% tags=["result"]
 import numpy as np
 
 import emcee_femu as ef
@@ -49,6 +50,8 @@ print(paired({"stiffness": np.array([1.0])}).mac.round(3))
 # a name, `FrameModel(..., shapes={"across": {"1:ux": 0.8, "1:uy": -0.6}})`; the
 # measurements then have `dofs=["across"]`. `points` of a
 # {py:class}`~emcee_femu.StaticModel` take the same.
+#
+# ## Strains
 #
 # **A strain is not a displacement.** A MAC over both would depend on the unit of length.
 # Strains and rotations are therefore left out of the MAC beside translations, and a

@@ -1,12 +1,15 @@
 # %% [markdown]
 # # Several setups of one structure
 #
-# Six places and four accelerometers: the test is made in two setups. Two sensors stay
-# where they are, the reference; two others rove. Each setup has frequencies of its own,
-# and shapes on a scale of its own. To merge them into one shape by the reference sensors
-# (PoSER) is not needed: **each setup is an experiment**, with its own pairing, and all
-# experiments share the parameters.
-# `python examples/how_to/setups.py` runs this page (10 s) on simulated tests.
+# For tests that were made in several setups, because there were fewer accelerometers
+# than places. To merge the shapes by the reference sensors (PoSER) is not needed:
+# **each setup is an experiment**, with its own pairing, and all experiments share the
+# parameters. `python examples/how_to/setups.py` runs the page (10 s) on simulated
+# tests.
+#
+# Here there are six places and four accelerometers. Two sensors stay where they are,
+# the reference; two others rove. Each setup has frequencies of its own, and shapes on
+# a scale of its own.
 #
 # ## Two setups
 #
@@ -84,7 +87,7 @@ ef.frequency_table(run)
 # %%
 ef.pairing_table(run)
 
-# %% mystnb={"image": {"alt": "Mode shapes of the cantilever in two rows, one for each setup; red dots of four sensors each lie near the blue model, at other nodes in the second setup"}}
+# %% tags=["result"] mystnb={"image": {"alt": "Mode shapes of the cantilever in two rows, one for each setup; red dots of four sensors each lie near the blue model, at other nodes in the second setup"}}
 ef.figures.plot_shapes(run)
 
 # %% [markdown]

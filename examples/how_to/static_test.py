@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Combine a static and a modal test
 #
-# Update one model from deflections under known loads and from natural frequencies
-# together. `python examples/how_to/static_test.py` runs this page (4 s) on made-up
-# tests.
+# For those who have deflections under known loads beside natural frequencies: one
+# model is updated from both. `python examples/how_to/static_test.py` runs the page (4
+# s) on made-up tests.
 #
 # Frequencies determine stiffness over mass, deflections under known loads stiffness
 # alone. Neither test determines the mass; both together do.
@@ -59,7 +59,7 @@ run = ef.run(posterior, seed=1)
 idata = ef.to_inference_data(run)
 ef.parameter_table(idata)
 
-# %% mystnb={"image": {"alt": "Two panels: displacements of the static test by load case and gauge, and frequencies of the modal test, measured against predicted"}}
+# %% tags=["result"] mystnb={"image": {"alt": "Two panels: displacements of the static test by load case and gauge, and frequencies of the modal test, measured against predicted"}}
 ef.figures.plot_predictive(idata, posterior)
 
 # %% [markdown]

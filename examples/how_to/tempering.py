@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Several modes: jumps and tempering
 #
-# If a posterior has several modes, walkers stay in the mode where they began, unless a
-# move connects the modes. This page helps to choose such a move.
-# `python examples/how_to/tempering.py` runs this page in some 5 s.
+# For posteriors with several modes: walkers stay in the mode where they began, unless
+# a move connects the modes. This page helps to choose such a move. `python
+# examples/how_to/tempering.py` runs the page (5 s).
 #
 # For two storeys of equal mass, both frequencies were measured (here they are
 # computed), but no shape. The stiffnesses k1 of the ground storey and k2 of the upper
@@ -49,7 +49,7 @@ print("auto ", shares(auto, 0))
 # of the difference are in them. `mode_jump=0.1` gives a tenth of the steps this
 # $\gamma$. How often a walker crosses:
 
-# %%
+# %% tags=["result"]
 crossings = {}
 for jump in (0.0, 0.1):
     move = ef.DEMCMove(mode_jump=jump)
@@ -110,7 +110,7 @@ ef.parameter_table(ef.to_inference_data(population, posterior))
 # A population is not a chain: there is no R-hat. Compare runs of several seeds instead.
 # **A region that no early member came near is not found**, and the standard error does
 # not include it: a narrow mode in a wide prior needs a search, `find_map` or `"auto"`.
-# [Moves measured](../explanation/moves_measured.md#tmcmc-how-many-members) has figures.
+# [Moves measured](../explanation/moves_measured.md#annealed-populations) has figures.
 
 # %% tags=["remove-cell"]
 cold = idata.posterior["ground"].values

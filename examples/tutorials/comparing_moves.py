@@ -1,9 +1,10 @@
 # %% [markdown]
 # # Comparing moves
 #
-# Which sampler is good for *your* posterior? This page measures it, explains the table,
-# and shows how certain the answer is. `python examples/tutorials/comparing_moves.py`
-# runs this page in some 10 s. Its building and frequencies are made up.
+# For those who wonder which sampler is best for *their* posterior: this page measures
+# it, explains the table, and shows how certain the answer is. `python
+# examples/tutorials/comparing_moves.py` runs the page (10 s). Its building and
+# frequencies are made up.
 #
 # ## What to measure
 #
@@ -58,7 +59,7 @@ moves = {
     "DE-MC": ef.DEMCMove(),
     "auto": "auto",
 }
-compared = ef.compare_moves(posterior, moves, 20, steps=400, seed=2)
+compared = ef.compare_moves(posterior, moves, 20, steps=250, seed=2)
 compared
 
 # %% [markdown]
@@ -84,7 +85,7 @@ compared
 # converged: a chain of fewer than 25 autocorrelation times does not know its own tau,
 # nor its ESS. The conclusion also says if burn-in and search reverse the order.
 
-# %% mystnb={"image": {"alt": "One row per move with its ESS per 1000 evaluations: auto far to the right, tuned M-H and DE-MC close to each other, the stretch move and small steps behind them; beside it the error of each running mean"}}
+# %% tags=["result"] mystnb={"image": {"alt": "One row per move with its ESS per 1000 evaluations: auto far to the right, tuned M-H and DE-MC close to each other, the stretch move and small steps behind them; beside it the error of each running mean"}}
 ef.figures.plot_comparison(compared)
 
 # %% [markdown]

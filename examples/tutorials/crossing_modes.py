@@ -1,10 +1,11 @@
 # %% [markdown]
 # # Close and crossing modes
 #
-# Measured and computed frequencies must not be compared by their numbers. This page
-# shows why, and how {py:class}`~emcee_femu.PairedModel` compares them by shape, even if
-# modes are so close that their shapes mix. `python
-# examples/tutorials/crossing_modes.py` runs this page (8 s). The test is simulated.
+# For everybody whose modes lie close together or may change their order: measured and
+# computed frequencies must not be compared by their numbers. This page shows why, and
+# how {py:class}`~emcee_femu.PairedModel` compares them by shape, even where shapes
+# mix. `python examples/tutorials/crossing_modes.py` runs the page (8 s). The test is
+# simulated.
 #
 # A two-storey building sways along x and along y: four modes, two of them near 3 Hz.
 # According to the drawings it is 20 % stiffer along x. In truth the walls along x have
@@ -58,7 +59,7 @@ wrong = ef.to_inference_data(run)
 print(ef.diagnose(run).short)
 ef.parameter_table(wrong, true=truth)
 
-# %% mystnb={"image": {"alt": "Samples of kx and ky in two separate clouds; the truth is in the smaller one"}}
+# %% tags=["result"] mystnb={"image": {"alt": "Samples of kx and ky in two separate clouds; the truth is in the smaller one"}}
 ef.figures.plot_scatter(wrong, truths=truth)
 
 # %% [markdown]
@@ -110,7 +111,7 @@ ef.pairing_table(right)
 # A mode that the model does not have shows up as a MAC below 0.5 in all samples. It
 # costs a finite penalty of log-likelihood (8), so the chain continues and you see it.
 #
-# ## Modes so close that their shapes mix
+# ## Close modes
 #
 # Two modes of nearly the same frequency can rotate in the plane that they span: a small
 # asymmetry decides their direction. Suppose that both directions are equally stiff, and

@@ -1,11 +1,11 @@
 # %% [markdown]
 # # A posterior in a hundred solves
 #
-# Your model is a program that takes minutes for a solve and gives no matrices and no
-# derivatives. This page learns its response from some twenty solves, samples what was
-# learned, and spends sixty more solves to check the result. It also shows what to do if
-# the check fails. `python examples/tutorials/hundred_solves.py` runs this page (28 s of
-# processor time). Structure and data are simulated; {doc}`/start/choose` says
+# For those whose model is a program that takes minutes for a solve and gives no
+# matrices and no derivatives. This page learns its response from some twenty solves,
+# samples what was learned, and spends sixty more solves to check the result; it also
+# shows what to do if the check fails. `python examples/tutorials/hundred_solves.py`
+# runs the page (15 s). Structure and data are simulated; {doc}`/start/choose` says
 # when this is the way to go.
 #
 # ## The program
@@ -106,7 +106,7 @@ ef.diagnose(run)
 # {py:func}`~emcee_femu.certify` makes full solves at draws of the emulated posterior.
 # If both posteriors are the same, every draw gets the same weight.
 
-# %%
+# %% tags=["result"]
 certificate = ef.certify(idata, posterior, solves=60, seed=3)
 spent = len(calls)
 print(f"{spent} calls of the program, all told")

@@ -1,11 +1,10 @@
 # %% [markdown]
 # # Large models
 #
-# A mesh of a hundred thousand degrees of freedom cannot be solved fifty thousand times.
-# It need not be. Some fifty full solves make a small model that replaces it, with a
-# certificate of its error; a solve of the small model takes well under a millisecond.
-# `python examples/tutorials/large_models.py` runs this page (10 s of processor time).
-# Structure and data are simulated.
+# For those whose mesh has too many degrees of freedom to be solved thousands of
+# times. It need not be: some fifty full solves make a small model that replaces it,
+# with a certificate of its error. `python examples/tutorials/large_models.py` runs
+# the page (10 s). Structure and data are simulated.
 #
 # ## The matrices
 #
@@ -70,7 +69,7 @@ print("frequencies in Hz:", full(ones).frequencies[0].round(2))
 # relative frequency error that you accept. A tenth of the measurement error is small
 # enough; here it is a fiftieth.
 
-# %%
+# %% tags=["result"]
 bounds = dict.fromkeys(K, (0.6, 1.4))
 small = ef.reduce_model(full, bounds, tolerance=1e-4)
 print(f"{small.full_size} DOFs reduced to {small.size} basis vectors")
@@ -112,27 +111,18 @@ ef.diagnose(run)
 # ## A faster factorisation
 #
 # A full solve of a large model spends most of its time on factoring K. For solids,
-# PARDISO takes a small part of SuperLU's time (`pip install 'emcee_femu[pardiso]'`, on
+# PARDISO takes a small part of SuperLU's time (`pip install pypardiso`, on
 # Linux on x86-64; it brings MKL, 0.6 GB).
 #
 # PARDISO is used if it is installed, for models from 5,000 DOFs on. It takes as many
 # threads as `MKL_NUM_THREADS` says, or else `OMP_NUM_THREADS`.
 #
 # The table is for a block of 8-node bricks with four unknown moduli and six modes,
-# reduced to 1e-4. It was measured on two cores that were busy with other work, too, by
-# `OMP_NUM_THREADS=1 python examples/benchmarks/large_model.py --threads 2` (the last row
-# with `--dofs 200000 --solvers PARDISO`):
+# reduced to 1e-4, on two cores that were busy with other work, too. "peak" is memory:
 #
-# | DOFs | solver | factor | six modes | memory | reduced | error | memory then |
-# |---|---|---|---|---|---|---|---|
-# | 20,250 | SuperLU | 6.1 s | 7.6 s | 1.1 GB | 8.1 min | 6.5e-5 | 1.2 GB |
-# | 20,250 | PARDISO | 0.7 s | 1.2 s | 0.4 GB | 1.7 min | 6.5e-5 | 0.5 GB |
-# | 73,002 | SuperLU | 214 s | 340 s | 8.3 GB | not waited for | | |
-# | 73,002 | PARDISO | 3.4 s | 7.9 s | 1.2 GB | 7.3 min | 6.8e-5 | 1.7 GB |
-# | 196,608 | PARDISO | 30 s | 56 s | 3.6 GB | 36.9 min | 7.3e-5 | 5.0 GB |
-#
-# Each reduction took 52 full solves, to 58 or 59 basis vectors; a solve of the small
-# model takes 0.1 to 0.3 ms.
+# ```{literalinclude} ../../examples/benchmarks/measured/large_model.txt
+# :language: text
+# ```
 #
 # ## A million degrees of freedom
 #

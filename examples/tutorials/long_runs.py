@@ -1,13 +1,13 @@
 # %% [markdown]
 # # Long runs
 #
-# A run of days meets power cuts, time limits of a queue, full disks and solves that do
-# not converge. This page keeps a run in a file, kills it and continues it, and shows
-# what happens if the model has changed.
-# `python examples/tutorials/long_runs.py` runs this page (12 s of processor time). The
-# measured frequencies are made up.
+# For runs of hours or days, which meet power cuts, time limits of a queue, full disks
+# and solves that do not converge. This page keeps a run in a file, kills it,
+# continues it to exactly the same chain, and shows what happens if the model has
+# changed. `python examples/tutorials/long_runs.py` runs the page (12 s). The measured
+# frequencies are made up.
 #
-# ## A run in a file
+# ## Resume and restart
 #
 # The script below is a whole job: model, data, prior, and one call of
 # {py:func}`~emcee_femu.run` with `backend=`, the name of a file, and `resume=True`.
@@ -97,7 +97,7 @@ print("killed in the middle:", 60 <= stored < 300)
 # The same command continues, and ends with exactly the chain of a run that was never
 # stopped.
 
-# %%
+# %% tags=["result"]
 done = subprocess.run(**start, capture_output=True, text=True, check=True)
 print(done.stdout)
 
@@ -140,14 +140,16 @@ except ValueError as error:
 #
 # ## Until it is enough
 #
-# Without `steps` a run ends when its chains have converged, or after `solves=200_000`.
-# Give a short job fewer `solves`; the next job is the same script with more of them:
+# Without `steps` a run ends when its chains have converged and every parameter has
+# `ess=1_000` effective samples (more of them here), or after `solves=200_000`. Give a
+# short job fewer `solves`; the next job is the same script with more of them:
 
 # %%
 file = home / "pieces.chain"
 target = ef.paper.mass_spring().posterior
 for solves in (10_000, 200_000):
-    run = ef.run(target, seed=1, solves=solves, backend=file, resume=True)
+    options = {"ess": 3_000, "solves": solves, "backend": file, "resume": True}
+    run = ef.run(target, seed=1, **options)
     verdict = ef.diagnose(run)
     print(f"{run.solves:,} solves, ended by {run.stopped}: {verdict.short}")
 
@@ -162,4 +164,4 @@ for solves in (10_000, 200_000):
 # %% tags=["remove-cell"]
 assert 60 <= stored < 300 and same
 assert "another posterior" in message and "predicted" not in message
-assert verdict.converged and run.stopped == "converged"
+assert verdict.converged and run.stopped == "converged" and run.solves > 10_000

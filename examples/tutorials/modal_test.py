@@ -1,13 +1,14 @@
 # %% [markdown]
 # # A modal test, from CSV to verdict
 #
-# This page updates a frame model with a table of measured frequencies and mode shapes,
-# checks whether the result can be trusted, and reports it. The test is simulated: the
-# structure is a two-storey steel frame of one bay, 6.0 m by 5.6 m; eight accelerometers
-# found six modes. The stiffnesses of the columns, of the beams along x and of the beams
-# along y are unknown.
-# `python examples/tutorials/modal_test.py` runs this page (15 s) and leaves a file in
-# `figures/modal_test`.
+# For everybody with a table of measured frequencies and mode shapes: this page
+# updates a frame model with it, checks whether the result can be trusted, and reports
+# it. `python examples/tutorials/modal_test.py` runs the page (15 s) and leaves a file
+# in `figures/modal_test`.
+#
+# The test is simulated: the structure is a two-storey steel frame of one bay, 6.0 m
+# by 5.6 m; eight accelerometers found six modes. The stiffnesses of the columns, of
+# the beams along x and of the beams along y are unknown.
 #
 # ## What was measured
 #
@@ -169,7 +170,7 @@ ef.figures.plot_predictive(idata, posterior)
 #
 # The measured shapes (red) and the updated model (blue): sway along y, x, and torsion.
 
-# %% mystnb={"image": {"alt": "Three mode shapes of the frame: grey at rest, blue the updated model, red lines with dots what eight sensors measured; the dots are near the model"}}
+# %% tags=["result"] mystnb={"image": {"alt": "Three mode shapes of the frame: grey at rest, blue the updated model, red lines with dots what eight sensors measured; the dots are near the model"}}
 ef.figures.plot_shapes(run, modes=[1, 2, 3])
 
 # %%
@@ -184,7 +185,7 @@ ef.pairing_table(idata)
 print(*ef.identifiability(idata).findings, sep="\n")
 
 # %% [markdown]
-# ## The report
+# ## Hand it over
 #
 # {doc}`/how_to/report` writes all of it as one HTML page, or tables and figures in a
 # document of your own. A few lines say how it was done:

@@ -1,10 +1,11 @@
 # %% [markdown]
 # # Comparing model classes
 #
-# How many parameters do the data justify? A *model class* is a model, its parameters
-# and their prior. This page compares classes by their evidence, and shows what such a
-# comparison depends on. `python examples/tutorials/model_classes.py` runs this page in
-# some 6 s. Its building and frequencies are made up.
+# For those who must decide how many parameters the data justify. A *model class* is a
+# model, its parameters and their prior. This page compares classes by their evidence,
+# and shows what such a comparison depends on. `python
+# examples/tutorials/model_classes.py` runs the page (6 s). Its building and
+# frequencies are made up.
 #
 # More parameters always fit better, so the fit cannot choose. The *evidence* can. It is
 # the probability density that a class gave to the measurements D before they were made:
@@ -79,7 +80,7 @@ compared
 # `very strong` are Kass and Raftery's words, for ln B below 1, below 3, below 5, and
 # above. A difference within two combined standard errors is called undecided.
 
-# %% mystnb={"image": {"alt": "Log Bayes factors of three classes with bars: second storey apart on top, three stiffnesses a little behind, one factor far behind; to the right their probabilities"}}
+# %% tags=["result"] mystnb={"image": {"alt": "Log Bayes factors of three classes with bars: second storey apart on top, three stiffnesses a little behind, one factor far behind; to the right their probabilities"}}
 ef.figures.plot_model_comparison(compared)
 
 # %% [markdown]

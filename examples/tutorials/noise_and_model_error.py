@@ -1,10 +1,11 @@
 # %% [markdown]
 # # Unknown noise and model error
 #
-# How large are the errors in your likelihood, and where do they come from? This page
-# infers the error that nobody measured, and checks whether the result can be trusted.
-# Simulated buildings, whose truth is known, show that this matters. `python
-# examples/tutorials/noise_and_model_error.py` runs this page (12 s).
+# For those who do not know how large the errors in their likelihood are, or where
+# they come from. This page infers the error that nobody measured, and counts on
+# simulated buildings how often the truth is inside the intervals, with that error and
+# without it. `python examples/tutorials/noise_and_model_error.py` runs the page (12
+# s).
 #
 # A building has six storeys. Its model has two parameters, the factors of the nominal
 # stiffness of the lower and of the upper three storeys. Five frequencies are measured.
@@ -43,7 +44,7 @@ print(exact.round(3), "Hz")
 #
 # {doc}`/how_to/csv_and_uff` makes the covariance **of one test** from several.
 #
-# ## The model's own error
+# ## Model error
 #
 # No building has three equal storeys. Let the storey stiffnesses scatter by 6 % about
 # their factor, and the floor masses by 6 % about their nominal value. The two factors,
@@ -112,7 +113,7 @@ ef.parameter_table(runs[inferred])
 # sampled with short chains that start from the Gaussian about the maximum:
 
 
-# %%
+# %% tags=["result"]
 def interval(posterior, seed):
     top = ef.find_map(posterior, starts=2, seed=seed).maxima[0]
     rng = np.random.default_rng(seed)

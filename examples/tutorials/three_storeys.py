@@ -75,7 +75,7 @@ ef.diagnose(run)
 # %%
 ef.parameter_table(run, true=theirs)
 
-# %% mystnb={"image": {"alt": "Prior and posterior of four masses and three stiffnesses"}}
+# %% tags=["result"] mystnb={"image": {"alt": "Prior and posterior of four masses and three stiffnesses"}}
 ef.figures.plot_prior_posterior(run)
 
 # %% [markdown]

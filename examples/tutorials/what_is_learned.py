@@ -1,11 +1,11 @@
 # %% [markdown]
 # # Which parameters can be learned
 #
-# Before a test, you can see which parameters it will determine, and choose modes and
-# sensors accordingly. After the test, you can separate what the data say from what only
-# the prior says, and see what to add if a parameter stays unknown.
-# `python examples/tutorials/what_is_learned.py` runs this page (6 s). The test is
-# simulated.
+# For those who plan a test, or wonder why a parameter stays unknown. Before a test,
+# you can see which parameters it will determine, and choose modes and sensors
+# accordingly. After the test, you can separate what the data say from what only the
+# prior says. `python examples/tutorials/what_is_learned.py` runs the page (6 s). The
+# test is simulated.
 #
 # A shear building has five floors of 20 t. The factors k1 to k5 of its storeys' nominal
 # stiffness, 30 MN/m, are uncertain by about 20 %. Units: kN, t, m.
@@ -66,7 +66,7 @@ look
 # The cheapest remedy is a better plan. The sd ratio of every storey under each plan:
 
 
-# %%
+# %% tags=["result"]
 def ratios(posterior):
     return ef.identifiability(ef.find_map(posterior, seed=1)).sd_ratio
 

@@ -217,7 +217,7 @@ def test_terms_of_every_kind_are_described(kind, write):
 
 def test_without_jinja_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "jinja2", None)
-    with pytest.raises(ImportError, match=r"emcee_femu\[report\]"):
+    with pytest.raises(ImportError, match="jinja2"):
         ef.report(None, tmp_path / "report.html")
 
 

@@ -145,8 +145,8 @@ def compare_moves(
     for entry in entries:
         if max_evaluations is not None and entry.chain > max_evaluations:
             words += (
-                f"\n{entry.label}: {entry.chain} evaluations of the chain, more than "
-                "max_evaluations, as it turned to Hamiltonian moves."
+                f"\n{entry.label}: its chain took {entry.chain} evaluations, more than "
+                "max_evaluations, because it changed to Hamiltonian moves."
             )
     title = (
         f"Moves compared: {ensembles} ensembles of {nwalkers} walkers, {steps} steps; "

@@ -18,6 +18,9 @@ from .compare import Comparison
 
 Colour: TypeAlias = tuple[float, float, float, float]
 LABEL_WIDTH, CLASS_WIDTH = 32, 28  # characters per line
+LIGHTEST = (
+    0.85  # of viridis, which the colour-blind can tell apart, still seen on white
+)
 LEAST_WRITTEN = 0.001  # least probability written as a number
 # A log evidence behind the first beyond which a linear axis would hide how near ones
 # differ: the axis is then logarithmic, but for its last unit.
@@ -51,8 +54,8 @@ def plot_comparison(comparison: Comparison) -> Figure:
     """
     checks.instance("comparison", comparison, Comparison)
     labels = [*comparison.diagnoses]
-    palette = colormaps["tab10" if len(labels) <= 10 else "tab20"]
-    colors = {label: palette(i % palette.N) for i, label in enumerate(labels)}
+    shades = colormaps["viridis"](np.linspace(0, LIGHTEST, len(labels)))
+    colors = dict(zip(labels, map(tuple, shades), strict=True))
     try:
         curves = {
             label: running_tae(idata, comparison.posterior)

@@ -78,7 +78,7 @@ def read_full(path: Path) -> list[Part]:
     except ImportError as error:
         raise ImportError(
             f"{path}: a .full file of ANSYS needs PyMAPDL-Reader ({error}); pip "
-            "install 'emcee_femu[ansys]', or let ANSYS write Matrix Market files: "
+            "install ansys-mapdl-reader, or let ANSYS write Matrix Market files: "
             "*SMAT,K,D,IMPORT,FULL,file.full,STIFF and *EXPORT,K,MMF,K.mtx"
         ) from error
     try:

@@ -354,8 +354,8 @@ class FRFTerm(Term):
         real = not measured.values.imag.any()
         if real and not self.amplitude:
             raise ValueError(
-                "measured: expected complex values with their phases, got real ones "
-                "alone; of magnitudes take FRFTerm(..., amplitude=True)"
+                "measured: expected complex values with their phases, got only real "
+                "ones; for magnitudes use FRFTerm(..., amplitude=True)"
             )
         if real and (measured.values.real < 0).all():
             raise ValueError(

@@ -123,7 +123,7 @@ def _open_uff(path: Path) -> tuple[Any, list[int]]:
         import pyuff
     except ImportError:
         raise ImportError(
-            'FRFs of universal files need pyuff: pip install "emcee_femu[uff]"'
+            "FRFs of universal files need pyuff: pip install pyuff"
         ) from None
     with open(path, "rb"):  # Python's message for a missing file, not pyuff's
         pass

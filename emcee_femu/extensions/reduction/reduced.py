@@ -255,7 +255,7 @@ def reduce_model(
         warnings.warn(
             f"the reduction does not pay: {reduced.size} basis vectors for "
             f"{reduced.full_size} DOFs, {speed_up:.2g} times the speed of the full "
-            "model; use the latter, narrower bounds or a larger tolerance"
+            "model; use the full model, narrower bounds or a larger tolerance"
             + ("; assembling takes most of the time" if reduced.one_by_one else ""),
             UserWarning,
             stacklevel=2,

@@ -123,9 +123,7 @@ def report(
     try:
         from jinja2 import Environment, StrictUndefined
     except ImportError:
-        raise ImportError(
-            'a report needs Jinja2: pip install "emcee_femu[report]"'
-        ) from None
+        raise ImportError("a report needs Jinja2: pip install jinja2") from None
     path, said = _check_words(path, title, text)
     result = source
     tell: Callable[[], Reported | None] = getattr(source, "reported", lambda: None)
