@@ -45,9 +45,9 @@ HERE = Path(__file__).parent
 ROOT = HERE.parent
 SECTIONS = ["start", "tutorials", "how_to", "explanation"]
 FIGURES = "how_to/gallery"  # the page that draws every figure of the package
-# A cell with a picture: whether it is the page's result, its text, and its code.
+# A cell with a picture: its options, the text of the picture, and its code.
 PICTURE = re.compile(
-    r'^# %%(.*"result".*)? mystnb={"image": {"alt": "(.*?)"}}\n((?:(?!# %%).*\n)+)',
+    r'^# %%(.*?) mystnb={"image": {"alt": "(.*?)"}}\n((?:(?!# %%).*\n)+)',
     re.M,
 )
 
@@ -182,7 +182,7 @@ def find_pictures() -> list[tuple[str, str, str]]:
             page, text = f"{section}/{source.stem}", source.read_text("utf-8")
             title = text.partition("# # ")[2].partition("\n")[0]
             cells = PICTURE.findall(text)
-            telling = [cell for cell in cells if cell[0]] or cells
+            telling = [cell for cell in cells if '"result"' in cell[0]] or cells
             for _, alt, code in cells if page == FIGURES else telling[:1]:
                 drawn = re.findall(r"plot_\w+", code)
                 found.append((page, drawn[0] if page == FIGURES else title, alt))

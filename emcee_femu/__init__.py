@@ -71,6 +71,7 @@ if TYPE_CHECKING:  # imported when first asked for
     from .extensions.comparison.compare import compare_moves as compare_moves
     from .extensions.emulation.certify import certify as certify
     from .extensions.emulation.emulate import emulate as emulate
+    from .extensions.emulation.run_emulated import run_emulated as run_emulated
     from .extensions.fe_files.matrices import read_matrices as read_matrices
     from .extensions.fe_programs.opensees import from_opensees as from_opensees
     from .extensions.fe_programs.pynite import from_pynite as from_pynite
@@ -89,6 +90,7 @@ IMPORTED_LATER = {  # where these names are
     "compare_moves": "extensions.comparison.compare",
     "certify": "extensions.emulation.certify",
     "emulate": "extensions.emulation.emulate",
+    "run_emulated": "extensions.emulation.run_emulated",
     "read_matrices": "extensions.fe_files.matrices",
     "from_opensees": "extensions.fe_programs.opensees",
     "from_pynite": "extensions.fe_programs.pynite",

@@ -20,7 +20,7 @@ import numpy as np
 import emcee_femu as ef
 from emcee_femu.figures.mode_shapes import _bend, _choose_view, _displace
 from emcee_femu.posterior.priors import prior_centre
-from emcee_femu.results.measured import solve_shapes
+from emcee_femu.results.shapes import solve_shapes
 
 ROOT = Path(__file__).parents[1]
 MODE = 2  # from 0: torsion. (The sway modes are close: their shapes mix.)

@@ -87,6 +87,9 @@ class LogPosterior(Report):
             columns before them.
         draws: Points ``(n, d)`` from which "auto" searches, too; :func:`emulate` sets
             them.
+        notes: Facts about how the posterior was made that its samples should carry;
+            attributes of the posterior group of ArviZ objects. :func:`emulate` sets
+            them.
         log_box: Natural logarithm of the volume of the box that was given to
             :meth:`from_function`; NaN otherwise.
 
@@ -113,6 +116,7 @@ class LogPosterior(Report):
     """
 
     draws: Floats | None = None
+    notes: Mapping[str, object] | None = None
     log_box: float = np.nan
 
     def __init__(

@@ -27,6 +27,22 @@ def is_arviz(source: object) -> bool:
     return hasattr(source, "groups")
 
 
+def samples_of(source: object) -> object:
+    """Return the samples that a result holds, as a certificate does, or the source."""
+    held = getattr(source, "idata", None)
+    return held if is_arviz(held) else source
+
+
+def certificate_of(source: object) -> Mapping[str, Any]:
+    """Return what :func:`certify` stored with samples; empty where it stored nothing.
+
+    The verdict in a sentence, ``refused``, and the log evidence if it is known.
+    """
+    held: InferenceData = samples_of(source)
+    there = is_arviz(held) and "certificate" in held
+    return _group(held, "certificate").attrs if there else {}
+
+
 def wrap(datasets: Mapping[str, Dataset]) -> InferenceData:
     """Return xarray Datasets as the installed ArviZ's own container."""
     import xarray

@@ -23,7 +23,7 @@ from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
 from ..sampling.record import Run, burn_in_of, read_backends
 from ..search.record import Chains, SearchRecord
-from .arviz_objects import InferenceData, dataset, is_arviz, samples
+from .arviz_objects import InferenceData, dataset, is_arviz, samples, samples_of
 
 # Attributes of ArviZ objects: which steps were left out, and what is so without them.
 STEPS_LEFT_OUT = {"discard": 0, "thin": 1}
@@ -52,7 +52,8 @@ def read_chains(
 
     Args:
         source: What :func:`run` or :func:`anneal` returned; emcee samplers or backends,
-            one or several; the name of a run's file; or an ArviZ object.
+            one or several; the name of a run's file; an ArviZ object, or a result that
+            holds one.
         posterior: What was sampled, where the source does not know it.
         discard: Stored steps to drop as burn-in. None for those of a run, in memory or
             in a file, and for none of other sources.
@@ -70,6 +71,7 @@ def read_chains(
     thin = checks.whole_number("thin", thin, 1)
     if posterior is not None:
         checks.instance("posterior", posterior, LogPosterior)
+    source = samples_of(source)
     if (as_chains := getattr(source, "as_chains", None)) is not None:
         if discard or thin > 1:
             raise ValueError(

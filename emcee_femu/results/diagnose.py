@@ -13,6 +13,7 @@ from ..search.record import Chains
 from ..verdict.diagnosis import (
     NO_CHAINS,
     NOT_SEARCHED,
+    REFUSED,
     SEARCHED,
     Cures,
     Diagnosis,
@@ -21,7 +22,13 @@ from ..verdict.diagnosis import (
 )
 from ..verdict.statistics import MaximaWeights
 from ..verdict.verdict import judge_chains
-from .arviz_objects import InferenceData, dataset, is_arviz
+from .arviz_objects import (
+    InferenceData,
+    certificate_of,
+    dataset,
+    is_arviz,
+    samples_of,
+)
 from .chains import read_chains
 from .fit import read_records
 from .fit_statement import judge_fit
@@ -30,6 +37,7 @@ from .to_arviz import FIT, to_inference_data
 # Further statements by title, of functions of samples with their response: see
 # CONTRIBUTING.md.
 FURTHER: dict[str, Callable[[InferenceData], Statement]] = {}
+NOT_TO_BE_USED = "refused by full solves: do not use these numbers"
 # Weights are equal within two standard errors, if these are so small.
 EQUAL_WITHIN, ERROR_OF_EQUAL = 2.0, 0.02
 
@@ -57,8 +65,9 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
     several from over-dispersed starts. For tempered runs only the cold walkers are
     judged, and tau and ESS are those of the mean over these walkers: exchanges pass
     states between walkers, so a single walker forgets its past sooner than the ensemble
-    does. The results of :func:`anneal` and :func:`certify` are not chains; the first
-    statement then says how to judge them instead.
+    does. The results of :func:`anneal`, and what :func:`certify` corrected, are not
+    chains; the first statement then says how to judge them instead. It says "refused"
+    of an emulated posterior that was refused.
 
     Args:
         source: The result of :func:`run`, :func:`anneal` or :func:`certify`, the
@@ -87,7 +96,7 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
         >>> diagnosis.chains.status, diagnosis.search.status, diagnosis.fit.status
         ('not converged', 'not searched', 'fits')
     """
-    source = getattr(source, "idata", source)  # of a certificate
+    source, certificate = samples_of(source), certificate_of(source)
     chains = read_chains(source, discard=discard)
     if chains.kind == "chain":
         diagnosis = measure(chains)
@@ -100,6 +109,9 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
         numbers = nan, *3 * [nan[0]], nan[:, :1], (), *4 * [nan[0]]
         measured = chains.names, len(chains.draws), *numbers, chains.failures
         diagnosis = Diagnosis(*measured)
+    if certificate.get("refused"):
+        told = f"not to be used. {certificate['verdict']}"
+        about = Statement(REFUSED, NOT_TO_BE_USED, told, about.reasons)
     idata, records = _read(source, chains)
     fit = judge_fit(idata, records, chains)
     data = records or ()
@@ -159,7 +171,7 @@ def judge_without_chains(
         )
         search = Statement(SEARCHED, SEARCHED, found)
     else:
-        certificate = dataset(source, "certificate").attrs
+        certificate = certificate_of(source)
         words = f"draws weighted by full solves. {certificate['verdict']}"
         told = json.loads(certificate["search"])
         search = Statement(**told | {"reasons": tuple(told.get("reasons", ()))})

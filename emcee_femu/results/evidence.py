@@ -1,5 +1,6 @@
 """The evidence of a model class, from what its posterior's samplers stored."""
 
+import json
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,6 +13,7 @@ from ..table import Parts, Report
 from ..verdict.diagnosis import NOT_CONVERGED, measure
 from ..verdict.statistics import tau_by_ensemble
 from ..verdict.verdict import judge_chains
+from .arviz_objects import certificate_of
 from .chains import read_chains
 
 EVIDENCE_TAU = 20  # of a series, below which neither tau nor its error can be believed
@@ -100,7 +102,8 @@ def log_evidence(source: object, discard: int | None = None) -> Evidence:
         source: The result of :func:`run` with a ``TemperedMove`` whose betas end at 0,
             or with "auto"; one of its samplers; the name of its file; or the ArviZ
             object of an "auto" run, even from a netCDF file. For the result of
-            :func:`anneal`, its own estimate is returned.
+            :func:`anneal`, its own estimate is returned; for that of :func:`certify`
+            the evidence of the true posterior, if "auto" sampled the emulated one.
         discard: Number of stored steps to drop as burn-in. None for those of the run.
 
     Returns:
@@ -133,6 +136,10 @@ def log_evidence(source: object, discard: int | None = None) -> Evidence:
         error, problems = source.log_evidence_error, source.problems
         found = source.log_evidence, error, "as it was given", problems, np.empty(0)
         return Evidence(*found, source.failed_solves, source.log_box)
+    if (stored := certificate_of(source).get("evidence")) is not None:
+        value, error, method, problems, failed, log_box = json.loads(stored)
+        told = {"failed_solves": failed, "log_box": log_box}
+        return Evidence(value, error, method, tuple(problems), **told)
     chains = read_chains(source, discard=discard, blobs=True, hot=True)
     if chains.kind != "chain" or (chains.search is None and len(chains.betas) < 2):
         raise ValueError(

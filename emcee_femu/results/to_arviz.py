@@ -22,7 +22,15 @@ from ..posterior.compatibility import RESERVED
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import KnownPrior, prior_centre, summarize_prior
 from ..search.record import Chains
-from .arviz_objects import Dataset, InferenceData, groups, is_arviz, samples, wrap
+from .arviz_objects import (
+    Dataset,
+    InferenceData,
+    groups,
+    is_arviz,
+    samples,
+    samples_of,
+    wrap,
+)
 from .chains import STORED, TOLD, read_chains
 from .fit import SOLVED_AGAIN, judge_data, write_records
 from .measured import ONE_NUMBER, Labelled, gather_by_terms, gather_observed
@@ -57,7 +65,8 @@ def to_inference_data(
     ============================ ====================================================
     ``posterior``                the parameters by name, with ``attrs["units"]`` if
                                  known; ``attrs["sampled"]`` of the group lists them, so
-                                 that you can add derived quantities
+                                 that you can add derived quantities; ``attrs`` also has
+                                 the posterior's ``notes``
     ``sample_stats``             lp, log_prior
     ``log_prior``                of each parameter, if the prior has ``logpdfs``
     ``log_likelihood``           of each datum if its term factorises, otherwise of the
@@ -93,9 +102,9 @@ def to_inference_data(
     Args:
         source: The result of :func:`run`, any EnsembleSampler, a backend, or the name
             of a run's file; or the result of :func:`anneal`, whose members become one
-            chain. An ArviZ object is returned unchanged. A LogPosterior has no samples
-            yet, and gives the groups ``prior``, ``prior_predictive``,
-            ``observed_data`` and ``constant_data``.
+            chain. An ArviZ object, and that of a certificate, is returned unchanged. A
+            LogPosterior has no samples yet, and gives the groups ``prior``,
+            ``prior_predictive``, ``observed_data`` and ``constant_data``.
         posterior: The sampled posterior, if the source does not hold it.
         discard: Number of stored steps to drop as burn-in. None for those that a run
             by given moves found itself (``run.burn_in``), and for none of other
@@ -187,7 +196,7 @@ def read_samples(
     All tables and figures read samples through it. If ``judged``, what samples say of
     the data is stored too.
     """
-    if not is_arviz(source):
+    if not is_arviz(source := samples_of(source)):
         chains = read_chains(
             source, posterior, discard, thin, blobs=True, argument=argument
         )
@@ -263,6 +272,8 @@ def convert(chains: Chains, thin: int = 1, term: str | None = None) -> Inference
         new = datasets["new_measurement"]  # all, where ArviZ weighs every draw
         datasets["posterior_predictive"] = pick_some(new) if term is None else new
     datasets["posterior"].attrs |= _attributes_of(chains)
+    if posterior is not None:
+        datasets["posterior"].attrs |= posterior.notes or {}
     return wrap(datasets | fixed)
 
 

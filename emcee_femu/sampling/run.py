@@ -74,7 +74,7 @@ def run(
     ``run(posterior, seed=1)`` is enough for most problems: it searches for the
     maxima of the posterior, fits a proposal to them, samples, and stops when
     :func:`diagnose` calls the chains converged. Use it if a solve takes less than
-    about a second. For slower models, :func:`emulate` the posterior first.
+    about a second. For slower models use :func:`run_emulated`.
 
     By other moves than "auto" the walkers start from the prior. The run then finds its
     burn-in, ``run.burn_in``, which the verdict, tables and figures leave out.
@@ -356,8 +356,8 @@ def _warn_if_long(evaluator: Evaluation, seconds: float, evaluations: int) -> No
     warnings.warn(
         f"posterior: a solve takes {seconds:.2g} s, and a run some {evaluations:,}: "
         f"{seconds * evaluations / 3600:.1f} hours. workers= shares them among "
-        "processes; emulate(posterior, 60) needs a few dozen solves; reduce_model "
-        "makes large matrices small; solves= sets a limit",
+        "processes; run_emulated(posterior, seed=1) needs some hundred solves in all; "
+        "reduce_model makes large matrices small; solves= sets a limit",
         stacklevel=3,
     )
 

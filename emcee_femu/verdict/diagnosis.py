@@ -26,6 +26,7 @@ from .statistics import (
 
 CONVERGED, MIXED, NOT_CONVERGED = "converged", "well mixed", "not converged"
 NO_CHAINS = "none"  # of a population, or of weighted draws
+REFUSED = "refused"  # of an emulated posterior that full solves contradict
 SEARCHED, NOT_SEARCHED = "searched", "not searched"
 
 
@@ -108,8 +109,8 @@ class Diagnosis(Report):
             "auto" ran; printed if there are several.
         chains: Whether the chains converged: "converged", "well mixed" (a single
             ensemble, or given starts) or "not converged", with the number of steps to
-            run. For a population or weighted draws it is "none", and the numbers above
-            are NaN.
+            run; "refused" of an emulated posterior that its certificate refuses. For a
+            population or weighted draws it is "none", and the numbers above are NaN.
         search: "searched" or "not searched"; the maxima found, and how small a maximum
             may have been missed.
         fit: Whether the measurements lie inside the posterior predictive: "fits",

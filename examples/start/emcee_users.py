@@ -93,8 +93,9 @@ print(f"the line at x = 10: {float(at_ten.mean()):.2f} +- {float(at_ten.std()):.
 
 # %% [markdown]
 # {doc}`/how_to/report` has more. {py:func}`~emcee_femu.find_map` and
-# {py:func}`~emcee_femu.anneal` work too. Only {py:func}`~emcee_femu.emulate` refuses: it
-# learns the response of a model, and a log-probability has none.
+# {py:func}`~emcee_femu.anneal` work too. Only {py:func}`~emcee_femu.emulate` and
+# {py:func}`~emcee_femu.run_emulated` refuse: they learn the response of a model, and a
+# log-probability has none.
 #
 # ## In your own emcee script
 #

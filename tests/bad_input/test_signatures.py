@@ -215,7 +215,11 @@ class Emulated:
         (lambda: ef.MatrixModel(None, M0, {}, n_modes=1), TypeError, r"0 \* M0"),
         (lambda: ef.MetropolisMove([[1.0, 0.0], [0.0, 1.0]]), ValueError, "cov="),
         (lambda: ef.report(None, "tower.pdf"), ValueError, "tower.html"),
-        (lambda: ef.frf.FRFMeasurements.from_uff("a"), ImportError, "pip install pyuff"),
+        (
+            lambda: ef.frf.FRFMeasurements.from_uff("a"),
+            ImportError,
+            r"pip install pyuff",
+        ),
     ],
 )
 def test_the_message_has_the_cure(call, error, cure, monkeypatch):

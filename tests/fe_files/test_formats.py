@@ -313,7 +313,7 @@ def full_file(folder):
 
 def test_ansys_without_its_reader_is_told_how(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "ansys.mapdl.reader", None)
-    with pytest.raises(ImportError, match=r"file\.full.*emcee_femu\[ansys\].*\*EXPORT"):
+    with pytest.raises(ImportError, match=r"file\.full.*ansys-mapdl-reader.*\*EXPORT"):
         ef.read_matrices(full_file(tmp_path))
 
 

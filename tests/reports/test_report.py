@@ -215,9 +215,9 @@ def test_terms_of_every_kind_are_described(kind, write):
     assert page.count("<tr>") < 40  # many values are counted and not listed
 
 
-def test_without_jinja_the_extra_is_named(tmp_path, monkeypatch):
+def test_without_jinja_its_package_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "jinja2", None)
-    with pytest.raises(ImportError, match="jinja2"):
+    with pytest.raises(ImportError, match=r"pip install jinja2"):
         ef.report(None, tmp_path / "report.html")
 
 

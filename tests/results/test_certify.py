@@ -12,6 +12,7 @@ from support.chains import ar1, backend
 from support.free_posterior import box, free_posterior
 
 import emcee_femu as ef
+from emcee_femu.extensions.emulation.certify import UNKNOWN
 from emcee_femu.extensions.emulation.emulated_chain import EmulatedChain
 
 COVARIANCE = np.array([[1.0, 0.6, 0.0], [0.6, 1.0, -0.3], [0.0, -0.3, 1.0]])
@@ -476,3 +477,73 @@ def test_the_object_of_a_certified_posterior_is_its_chain_with_a_seal(tmp_path):
     np.testing.assert_allclose(group["lp"].values, true, rtol=1e-9)
     assert ef.diagnose(sealed).chains.status != "none"
     assert "certified" not in ef.parameter_table(idata).title  # given as it was
+
+
+def noted(settled, law=NEAR):
+    """Return a posterior whose samples say whether its emulator settled."""
+    emulated = posterior(law)
+    emulated.notes = {"settled": settled}
+    return emulated
+
+
+def test_an_emulator_that_did_not_settle_is_refused_however_equal_the_weights(tmp_path):
+    """By every door: a run, an ArviZ object, one read back from netCDF."""
+    for settled, verdict in ((0, "refused"), (1, "certified")):
+        idata = sampled(noted(settled), draws(NEAR, 4_000, 3))
+        read = stored_and_read(idata, tmp_path / f"{settled}.nc")
+        for given in (idata, read):
+            found = ef.certify(given, posterior(TRUE), 100, seed=3)
+            assert found.settled is bool(settled) and found.short == verdict
+            assert found.efficiency > 0.98
+            assert UNKNOWN not in found.findings
+
+
+def test_where_nobody_knows_whether_an_emulator_settled_a_finding_says_so(exact):
+    assert exact.settled is None and UNKNOWN in exact.findings
+    assert exact.short == "certified"
+    run = ef.run(EXACT, ef.DEMCMove(), 20, 200, seed=1, ensembles=1)
+    found = ef.certify(run, EXACT, 30, seed=1)  # no emulator
+    assert found.settled is None and UNKNOWN not in found.findings
+
+
+@pytest.mark.slow
+def test_the_evidence_is_that_of_the_true_posterior(tmp_path):
+    """Second route: a run on it. A corrected certificate keeps no chain."""
+
+    def raised(parameters, response):
+        return MEASURED(parameters, response) + 3.0
+
+    wrong = ef.LogPosterior(ef.MassSpringModel([1.015, 2.03], SPRINGS), raised, PRIOR)
+    emulated, true = ef.run(wrong, seed=1), ef.log_evidence(ef.run(EXACT, seed=2))
+    found = ef.certify(emulated, EXACT, 300, seed=3)
+    assert found.short == "corrected", found.verdict
+    evidence = ef.log_evidence(found)
+    error = np.hypot(evidence.log_evidence_error, true.log_evidence_error)
+    assert abs(evidence.log_evidence - true.log_evidence) < 4.5 * error
+    off = ef.log_evidence(emulated).log_evidence - true.log_evidence
+    assert 2.0 < off < 4.0  # without the ratio of the two
+    read = stored_and_read(found.idata, tmp_path / "corrected.nc")
+    assert str(ef.log_evidence(read)) == str(evidence)
+    # Of moves that know no evidence there is none.
+    plain = certificate([1.0005, 2.001], 60)[1]
+    assert plain.evidence is None
+    with pytest.raises(ValueError, match="expected a run of 'auto'"):
+        ef.log_evidence(plain)
+
+
+def test_tables_and_a_new_certificate_take_a_certificate_as_its_samples():
+    _, found = certificate([1.0005, 2.001], 60)
+    for tabulate in (ef.parameter_table, ef.frequency_table, ef.predictive_table):
+        assert str(tabulate(found)) == str(tabulate(found.idata))
+    assert ef.to_inference_data(found) is found.idata
+    again = ef.certify(found, EXACT, 60, seed=2)
+    assert str(again) == str(found)  # it knows nothing of the one before
+
+
+def test_a_refused_certificate_is_refused_by_every_judge(tmp_path):
+    idata, found = certificate([1.3, 2.6], 40)
+    assert found.short == "refused" and ef.diagnose(idata).chains.status != "refused"
+    for given in (found, found.idata, stored_and_read(found.idata, tmp_path / "r.nc")):
+        chains = ef.diagnose(given).chains
+        assert chains.status == "refused" and found.verdict in chains.sentence
+        assert "refused" in ef.parameter_table(given).title

@@ -192,7 +192,7 @@ def test_what_cannot_be_pickled_is_named_and_goes_by_value_or_to_threads(monkeyp
         EvaluationPool(Immediate()).map(posterior, pool_problems.START), expected
     )
     monkeypatch.setitem(sys.modules, "cloudpickle", None)
-    with pytest.raises(TypeError, match=r"lambda.*emcee-femu\[notebooks"):
+    with pytest.raises(TypeError, match=r"lambda.*pip install cloudpickle"):
         EvaluationPool(Immediate()).map(posterior, pool_problems.START)
 
 

@@ -12,7 +12,7 @@ from support.few_solves import DATA, DESIGN, PRIOR, SD, Gaussian, bent, posed
 from support.pool_problems import forks
 
 import emcee_femu as ef
-from emcee_femu.extensions.emulation.emulate import _Emulation
+from emcee_femu.extensions.emulation.emulate import Emulation
 
 SLOW = pytest.mark.slow
 GRID = np.stack(np.meshgrid(*[np.linspace(-3.0, 3.0, 241)] * 2), axis=-1).reshape(-1, 2)
@@ -332,6 +332,31 @@ def test_no_tolerance_spends_all_solves_and_history_tells(eleven):
     assert_array_equal(again.posterior(theta), emulated.posterior(theta))
 
 
+def test_it_has_settled_if_errors_ended_within_tolerance_and_its_samples_say_so():
+    """Not if its solves were spent before, whatever it predicts."""
+    short, few = ef.emulate(posed(rippled), 16, seed=1), {"nwalkers": 8, "steps": 10}
+    enough = ef.emulate(posed(linear), 60, seed=1)
+    spent = ef.emulate(posed(linear), 12, **ALL)  # and no tolerance promises its usual
+    assert not short.settled and enough.settled and spent.settled
+    for emulated in (short, enough):
+        run = ef.run(emulated.posterior, ef.DEMCMove(), **few, ensembles=1, seed=1)
+        attributes = ef.to_inference_data(run)["posterior"].attrs
+        assert attributes["settled"] == int(emulated.settled)
+        own = ef.LogPosterior(emulated, Gaussian(), PRIOR)  # made by a user
+        run = ef.run(own, ef.DEMCMove(), **few, ensembles=1, seed=1)
+        assert ef.certify(run, posed(), 30, seed=1).settled is emulated.settled
+
+
+def test_failed_solves_are_counted_and_printed(caplog):
+    caplog.set_level(logging.CRITICAL, "emcee_femu")
+    posterior = posed(broken)
+    emulated = ef.emulate(posterior, 12, seed=3, on_failure="reject", max_failures=1.0)
+    failed = int((np.array(posterior.model.solved)[:, 0] > 0.9).sum())
+    assert emulated.failed_solves == failed > 0
+    assert f"{failed} solves failed" in unwrapped(emulated)
+    assert ef.emulate(posed(), 9, seed=1).failed_solves == 0
+
+
 def test_the_first_design_spreads_over_the_prior_or_about_a_point_or_is_given(eleven):
     points = [[0.1, 0.2], [0.5, -0.4], [0.6, 0.9], [-0.3, 0.1]]
     first = {"prior": np.array(eleven[1].solved[:6])}
@@ -493,14 +518,14 @@ class Crossed(ef.likelihoods.term.Term):
 @pytest.mark.slow
 def test_a_solve_goes_where_it_lowers_the_expected_error_most(monkeypatch):
     """Second route: processes conditioned on a point more, for each that it may be."""
-    chosen, choose = [], _Emulation._choose
+    chosen, choose = [], Emulation._choose
 
     def listen(emulation, number, emulator, draws):
         points = choose(emulation, number, emulator, draws)
         chosen.append((emulator, draws, points[0]))
         return points
 
-    monkeypatch.setattr(_Emulation, "_choose", listen)
+    monkeypatch.setattr(Emulation, "_choose", listen)
     model = ef.FunctionModel(
         lambda p: crossed([p["a"], p["b"]]), variables=Crossed.reads
     )

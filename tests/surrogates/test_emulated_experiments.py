@@ -87,6 +87,7 @@ def test_each_is_learned_from_its_own_solves_and_the_joint_posterior_is_right():
     np.testing.assert_allclose(sd, exact[1], rtol=0.03)
     assert found.posterior.labels == joint.labels
     assert "loaded: " in str(found) and "full solves" in str(found)
+    assert found.settled and found.posterior.notes == {"settled": 1}
 
 
 @pytest.mark.slow
@@ -94,6 +95,8 @@ def test_files_and_arguments(tmp_path):
     """The law of their files: one each, gone on with together or not at all."""
     joint, file = joint_of(), {"backend": tmp_path / "run.solves", "resume": True}
     first = ef.emulate(joint, 9, seed=1, cheap=["static"], **file)
+    assert [m.settled for m in first.models.values()] != [True, True]  # too few solves
+    assert not first.settled and first.posterior.notes == {"settled": 0}
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"run.solves.empty", "run.solves.loaded"}
     fresh = joint_of()

@@ -8,6 +8,7 @@ import numpy as np
 from ...contracts import Floats, Reported
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import InferenceData, groups, unit_of, wrap
+from ...results.evidence import Evidence
 from ...results.to_arviz import convert, judge_samples, pick_some, store_fit
 from ...search.importance import GOOD_K
 from ...search.record import Chains
@@ -36,7 +37,9 @@ class Certificate(Report):
         efficiency: Effective share of the weights (Kish): 1 if all are equal.
         effective: Number of independent draws that the weighted draws are worth.
         settled: Whether the emulator ended within its tolerance; None where that is
-            not known, as of an ArviZ object.
+            not known, or the approximate posterior is not of :func:`emulate`.
+        log_ratio: Natural logarithm of the ratio of the true evidence to the emulated
+            one: of the mean weight before it was made one.
         pareto_k: Pareto k of the weights; infinite for fewer than 25 of them.
         largest: The largest weight, divided by the mean weight.
         mean: Means of the true posterior, ``(d,)``.
@@ -55,6 +58,9 @@ class Certificate(Report):
         faults: Faults of the bounds or the chain of the emulated posterior.
         missed: Regions found by the search that the draws do not contain.
         notes: Further remarks.
+        emulated_evidence: The log evidence of the emulated posterior, if "auto" sampled
+            it.
+        emulated: The emulator that :func:`.run_emulated` made.
         idata: The ArviZ object for further work. If the verdict is *corrected*, it
             holds the draws that were solved in full, with their weights in
             ``sample_stats``, and tables and figures show the weighted draws. Otherwise
@@ -68,6 +74,7 @@ class Certificate(Report):
     efficiency: float
     effective: float
     settled: bool | None
+    log_ratio: float
     pareto_k: float
     largest: float
     mean: Floats
@@ -84,6 +91,8 @@ class Certificate(Report):
     faults: tuple[str, ...] = ()
     missed: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    emulated_evidence: Evidence | None = None
+    emulated: Report | None = None
     idata: InferenceData | None = None
 
     def reported(self) -> Reported:
@@ -133,6 +142,24 @@ class Certificate(Report):
         return (*also, *self.notes, self.search.sentence)
 
     @property
+    def evidence(self) -> Evidence | None:
+        """The log evidence of the true posterior; None if "auto" did not sample."""
+        if (emulated := self.emulated_evidence) is None:
+            return None
+        of_weights = np.sqrt((1 - self.efficiency) / self.effective)
+        problems, error = emulated.problems, emulated.log_evidence_error
+        if self.short == REFUSED:
+            problems, error = (*problems, "the emulated posterior is refused"), np.inf
+        return replace(
+            emulated,
+            log_evidence=emulated.log_evidence + self.log_ratio,
+            log_evidence_error=float(np.hypot(error, of_weights)),
+            method=f"{emulated.method}, corrected by {len(self.weights)} full solves",
+            problems=problems,
+            failed_solves=self.failed_solves,
+        )
+
+    @property
     def _differences(self) -> tuple[float, float, float]:
         """The largest of the means, in sds, and of sds, relative, with its error."""
         shift = np.abs(self.mean - self.emulated_mean) / self.sd
@@ -169,8 +196,8 @@ class Certificate(Report):
         if self.settled is False:
             return (
                 "the solves of emulate were spent before its errors were within the "
-                "tolerance, so that it may deny what none of its draws shows; emulate "
-                "with more solves"
+                "tolerance, so its posterior may lack a part that none of its draws "
+                "shows; emulate with more solves"
             )
         return ""
 
@@ -211,6 +238,7 @@ class Certificate(Report):
         rows: Floats,
         log_emulated: Floats,
         again: int = 0,
+        extra: int = 0,
     ) -> "Certificate":
         """Return the certificate with the ArviZ object for further work.
 
@@ -221,6 +249,7 @@ class Certificate(Report):
             rows: Rows of the true posterior at the solved draws, ``(n, columns)``.
             log_emulated: The emulated log-posterior there, ``(n,)``.
             again: How many of these draws may be solved again to judge the fit.
+            extra: Solves that this takes.
         """
         import xarray
 
@@ -240,7 +269,7 @@ class Certificate(Report):
                 kind="weighted",
                 seed="unknown (solved at chosen draws)",
                 origin="draws of an emulated posterior, solved in full and weighted",
-                solves=self.solves + again,
+                solves=self.solves + extra,
                 doubts=json.loads(attributes.get("doubts", "[]")),
             )
             judged = judge_samples(chains, self.weights[possible], again)
@@ -252,6 +281,16 @@ class Certificate(Report):
                     sealed["new_measurement"], self.weights[possible]
                 )
         sealed["posterior"] = sealed["posterior"].assign_attrs(certificate=text)
+        told = {
+            "verdict": self.verdict,
+            "refused": int(self.short == REFUSED),  # netCDF has no truth values
+            "findings": json.dumps(self.findings),
+            "search": json.dumps(asdict(self.search)),
+        }
+        if (found := self.evidence) is not None:
+            held = found.log_evidence, found.log_evidence_error, found.method
+            rest = found.problems, found.failed_solves, found.log_box
+            told["evidence"] = json.dumps([*held, *rest])
         sealed["certificate"] = xarray.Dataset(
             {
                 "theta": (("solve", "parameter"), self.theta),
@@ -260,11 +299,7 @@ class Certificate(Report):
                 "lp_emulated": ("solve", log_emulated),
             },
             {"parameter": list(self.names)},
-            {
-                "verdict": self.verdict,
-                "findings": json.dumps(self.findings),
-                "search": json.dumps(asdict(self.search)),
-            },
+            told,
         )
-        spent = self.solves + again * (self.short == CORRECTED)
+        spent = self.solves + extra * (self.short == CORRECTED)
         return replace(self, idata=wrap(sealed), solves=spent)

@@ -6,18 +6,29 @@ posterior from draws of the prior.
 """
 
 from collections import Counter
+from dataclasses import replace
 from os import PathLike
+from typing import Any
 
 import numpy as np
-from scipy.special import softmax
+from scipy.special import logsumexp, softmax
 
 from ... import checks
+from ...contracts import Floats
 from ...evaluation.evaluator import Evaluation
 from ...evaluation.resume import open_evaluator
 from ...evaluation.samplers import check_progress, progress_bar
 from ...posterior.log_posterior import LogPosterior
-from ...results.arviz_objects import InferenceData, dataset, samples
+from ...results.arviz_objects import (
+    InferenceData,
+    certificate_of,
+    dataset,
+    groups,
+    samples,
+    wrap,
+)
 from ...results.diagnose import diagnose
+from ...results.evidence import log_evidence
 from ...results.fit import SOLVED_AGAIN, needs_solves
 from ...results.to_arviz import check_sampled, read_samples
 from ...search.climbing import Maximum, climb
@@ -26,7 +37,7 @@ from ...verdict.burn_in import FEWEST_STEPS
 from ...verdict.diagnosis import NOT_CONVERGED, NOT_SEARCHED, SEARCHED, Statement
 from ...verdict.verdict import TOO_SHORT
 from .certificate import EQUAL_WEIGHTS, Certificate
-from .emulated import EmulatedModel
+from .emulated import SETTLED, EmulatedModel
 from .emulated_chain import (
     EmulatedChain,
     compare_bounds,
@@ -41,8 +52,8 @@ SEARCH_SHARE, MOST_SEARCH_SOLVES = 4, 30
 FIRST_CLIMBS = 8  # starts that are sorted by height
 FEWEST_CLIMB_STEPS = 3  # steps; shorter climbs are not counted
 UNKNOWN = (
-    "These samples do not say whether the emulator ended within its tolerance: certify "
-    "the run itself."
+    "If emulate made this posterior, its samples do not say whether its errors were "
+    "within the tolerance; those of a run on the posterior that it returned do."
 )
 MOMENTS = "mean", "mean_error", "sd", "sd_error", "off_error"  # in their order
 
@@ -81,19 +92,24 @@ def certify(
       the latter, two standard errors of the difference are included;
     - *corrected*: the emulated posterior is not good enough, but the weights correct
       it;
-    - *refused*: the weights are unreliable, part of the posterior is missing, or the
-      chain has not converged. Unequal weights are unreliable if their Pareto k is above
-      0.7 or above ``1 - 1 / log10(n)`` for n draws, or if they are worth fewer than 50
-      independent draws.
+    - *refused*: the weights are unreliable, part of the posterior is missing, the
+      chain has not converged, or :func:`emulate` spent its solves before its errors
+      were within its tolerance (``settled``). Unequal weights are unreliable if their
+      Pareto k is above 0.7 or above ``1 - 1 / log10(n)`` for n draws, or if they are
+      worth fewer than 50 independent draws.
 
     Weights with an efficiency above 0.9 are trusted whatever k is, because fewer than
     100 nearly equal weights do not determine k well. Unequal weights with k up to 0.7
     are smoothed (PSIS).
 
-    Weights cannot reveal what the emulated posterior excludes. Three checks look for
-    it. The emulator's bounds must contain at least 99 % of the prior. The draws must
-    not pile up at a bound that the prior does not have. And climbs of the true
-    posterior, which take a quarter of the solves and at most 30, start from draws of
+    Weights cannot reveal what the emulated posterior excludes. An emulator that did
+    not settle may exclude what no draw shows, so its posterior is refused however equal
+    the weights are. A run on the emulated posterior knows whether it settled, and so
+    does its ArviZ object, also if read back from netCDF; a finding says where it is not
+    known. Three more checks look for what is excluded. The emulator's bounds must
+    contain at least 99 % of the prior. The draws must not pile up at a bound that the
+    prior does not have. And climbs of the true posterior, which take a quarter of the
+    solves and at most 30, start from draws of
     the prior away from the chain. A narrow mode that no climb approaches remains
     undetected.
 
@@ -153,49 +169,83 @@ def certify(
         ('certified', True)
     """
     idata, approximate = read_samples(idata, judged=True)
+    if certificate_of(idata):  # of an earlier one, which is judged anew
+        held = groups(idata)
+        idata = wrap({name: held[name] for name in held if name != "certificate"})
     check_sampled(posterior, samples(idata)[0])
     solves = checks.whole_number("solves", solves, FEWEST_SOLVES)
     seed = checks.whole_number("seed", seed)
     display = check_progress(progress)
     rng = np.random.default_rng(seed)
     chain = EmulatedChain(idata, posterior.prior, rng)
-    # Before a solve is spent: they may raise.
-    unsound, warned = _judge_chain(idata)
-    faults = [*compare_bounds(chain, posterior.prior), *unsound]
     asked = {"moves": "certify", "solves": solves, "seed": seed}
     asked["emulated draws"] = chain.draws
+    judged = judge_chain(idata)  # before a solve is spent, for it may raise
     how = workers, pool, on_failure, max_failures, backend, resume, probe_tolerance
+    again = min(SOLVED_AGAIN, solves // JUDGED_SHARE) * needs_solves(posterior)
+    settled = _has_settled(idata, approximate)
+    known = settled is not None or approximate is not None
     with (
         open_evaluator(posterior, asked, *how) as evaluator,
         progress_bar(display, solves, "certify") as evaluator.bar,
     ):
         if evaluator.failures is not None:
             evaluator.failures.max_failures = 1.0  # judged below, no reason to stop
-        most = min(solves // SEARCH_SHARE, MOST_SEARCH_SOLVES)
-        maxima, lost = _look_elsewhere(chain, evaluator, most, rng)
-        climbed = evaluator.failed
-        # Of a corrected posterior some are solved again, for what rows do not hold.
-        again = min(SOLVED_AGAIN, solves // JUDGED_SHARE)
-        again *= needs_solves(posterior)
-        places, counts = chain.choose(solves - evaluator.solves - again, rng)
-        theta, emulated = chain.draws[places], chain.log_posterior[places]
-        rows = np.array([row for _, row in sorted(evaluator.each(theta))])
+        certificate, rows, emulated = judge_draws(
+            chain, judged, evaluator, solves, again, settled, max_failures, rng
+        )
+    if not known:
+        certificate = replace(certificate, notes=(*certificate.notes, UNKNOWN))
+    return certificate.sealed(posterior, rows, emulated, again, again)
+
+
+def judge_draws(
+    chain: EmulatedChain,
+    judged: tuple[list[str], list[str]],
+    evaluator: Evaluation,
+    solves: int,
+    again: int,
+    settled: bool | None,
+    max_failures: float,
+    rng: np.random.Generator,
+) -> tuple[Certificate, Floats, Floats]:
+    """Return a certificate, not sealed yet, with the rows of the draws that it solved.
+
+    Rows of the true posterior ``(n, columns)`` and the emulated log-posterior ``(n,)``.
+
+    Args:
+        chain: The chain of the emulated posterior.
+        judged: What :func:`judge_chain` said of it.
+        evaluator: Of the true posterior, by which nothing was solved yet.
+        solves: How many full solves there are for draws and climbs.
+        again: How many of these are left for the judgement of the fit.
+        settled: Whether the emulator settled; None if that is not known.
+        max_failures: Fraction of draws that may fail.
+        rng: Chooses draws and starts of climbs.
+    """
+    unsound, warned = judged
+    faults = [*compare_bounds(chain, evaluator.posterior.prior), *unsound]
+    most = min(solves // SEARCH_SHARE, MOST_SEARCH_SOLVES)
+    maxima, lost = _look_elsewhere(chain, evaluator, most, rng)
+    climbed = evaluator.failed
+    places, counts = chain.choose(solves - evaluator.solves - again, rng)
+    theta, emulated = chain.draws[places], chain.log_posterior[places]
+    rows = np.array([row for _, row in sorted(evaluator.each(theta))])
     n, log_posterior = len(theta), rows[:, 0]
     counted = log_posterior - emulated + np.log(counts)
     efficiency = kish_share(counted)
     smoothed, pareto_k = smooth_tail(counted)
+    log_ratio = float(logsumexp(counted) - np.log(counts.sum()))
     if efficiency < EQUAL_WEIGHTS and pareto_k <= GOOD_K:
         counted = smoothed
-    weights, moments = np.zeros(n), np.full((5, len(chain.names)), np.nan)
+    weights, moments = np.zeros(n), np.full((len(MOMENTS), len(chain.names)), np.nan)
     possible = bool(counted.max() > -np.inf)
     if possible:
         weights = softmax(counted)
         moments = correct_moments(chain, theta, counts / counts.sum(), weights)
     if (failed := evaluator.failed - climbed) > max_failures * n:
         faults.append(f"{failed} of {n} draws could not be solved")
-    notes = _note(chain, n, len(maxima), lost, evaluator.failed)
-    if (settled := _has_settled(approximate)) is None:
-        notes = [*notes, UNKNOWN]
+    named: dict[str, Any] = dict(zip(MOMENTS, moments, strict=True))
     certificate = Certificate(
         names=chain.names,
         solves=evaluator.solves,
@@ -205,7 +255,8 @@ def certify(
         settled=settled,
         pareto_k=pareto_k,
         largest=float(n * weights.max()) if possible else np.inf,
-        **dict(zip(MOMENTS, moments, strict=True)),
+        log_ratio=log_ratio,
+        **named,
         emulated_mean=chain.draws.mean(axis=0),
         emulated_sd=chain.draws.std(axis=0, ddof=1),
         theta=theta,
@@ -214,14 +265,17 @@ def certify(
         search=_judge_climbs(maxima, lost),
         faults=tuple(faults),
         missed=find_missed(chain, maxima, theta, log_posterior, weights),
-        notes=(*warned, *notes),
-        idata=idata,
+        notes=(*warned, *_note(chain, n, len(maxima), lost, evaluator.failed)),
+        emulated_evidence=log_evidence(chain.idata) if chain.searched else None,
+        idata=chain.idata,
     )
-    return certificate.sealed(posterior, rows, emulated, again)
+    return certificate, rows, emulated
 
 
-def _has_settled(approximate: LogPosterior | None) -> bool | None:
+def _has_settled(idata: InferenceData, approximate: LogPosterior | None) -> bool | None:
     """Return whether all emulators ended within tolerance; None if none is known."""
+    if (noted := dataset(idata, "posterior").attrs.get(SETTLED)) is not None:
+        return bool(noted)
     experiments = approximate.experiments if approximate else ()
     models = [getattr(e.paired, "model", e.model) for e in experiments]
     emulators = [model for model in models if isinstance(model, EmulatedModel)]
@@ -259,7 +313,7 @@ def _look_elsewhere(
     return [end for end in maxima if end.log_evidence > -np.inf], lost
 
 
-def _judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
+def judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
     """Return why the emulated posterior's chain cannot be trusted, or a finding."""
     group = dataset(idata, "posterior")
     judged = "ensemble" in group.coords and group.attrs.get("kind") != "population"

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from os import PathLike
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -157,12 +158,9 @@ def emulate(
     checks.instance("posterior", posterior, LogPosterior)
     if len(posterior.experiments) > 1 or cheap is not None:
         return emulate_each(posterior, cheap, emulate, options)
-    problem = EmulationProblem(posterior, checks.flag("derivatives", derivatives))
-    seed = checks.whole_number("seed", seed)
-    d, fewer, width = posterior.ndim, problem.derivatives, count_workers(pool, workers)
-    number = max(d // 2 + 1, FEWEST_FITTED) if fewer else d + MORE
-    first = first_points(problem, max(number, width), seed, starts)
-    batch = d // (4 if fewer else 2) + 1
+    width = count_workers(pool, workers)
+    design = plan(posterior, width, seed, derivatives, starts)
+    first, batch = design.first, design.few
     if checks.whole_number("solves", solves, 1) < len(first) + batch:
         raise ValueError(
             f"solves: expected at least {len(first) + batch} for {posterior.ndim} "
@@ -171,109 +169,172 @@ def emulate(
         )
     tolerance = checks.real_number("tolerance", tolerance, 0)
     display = check_progress(progress)
-    asked = {
-        "moves": "emulate",
-        "seed": seed,
-        "starts": first,
-        "derivatives": problem.derivatives,
-        "solves at a time": max(batch, width),
-    }
     how = workers, pool, on_failure, max_failures, backend, resume, probe_tolerance
-    recorder, asked = problem.recorder(), describe(posterior, asked)
+    recorder, asked = design.problem.recorder(), design.describe("emulate")
     with (
         open_evaluator(recorder, asked, *how) as evaluator,
         progress_bar(display, solves, "emulate") as evaluator.bar,
     ):
-        emulation = _Emulation(problem, evaluator, batch)
-        emulation.solve(first)
-        return emulation.run(solves, max(batch, width), seed, tolerance)
+        return Emulation(design, evaluator).run(solves, tolerance)
 
 
-class _Emulation:
+class Design(NamedTuple):
+    """What is emulated, and by how many solves at a time.
+
+    Attributes:
+        problem: What is emulated.
+        seed: Of all that is drawn.
+        first: The first points, ``(n, d)``.
+        few: Points of a batch at least; one of so many explores beyond the posterior.
+        batch: Points of a batch.
+    """
+
+    problem: EmulationProblem
+    seed: int
+    first: Floats
+    few: int
+    batch: int
+
+    def describe(self, moves: str) -> dict[str, Any]:
+        """Return what a file must have been made for."""
+        asked = {
+            "moves": moves,
+            "seed": self.seed,
+            "starts": self.first,
+            "derivatives": self.problem.derivatives,
+            "solves at a time": self.batch,
+        }
+        return describe(self.problem.posterior, asked)
+
+
+def plan(
+    posterior: LogPosterior,
+    width: int,
+    seed: int,
+    derivatives: bool,
+    starts: ArrayLike | None,
+) -> Design:
+    """Return the design of an emulation, for so many solves at a time.
+
+    Raises:
+        ValueError: As for :func:`emulate`.
+    """
+    problem = EmulationProblem(posterior, checks.flag("derivatives", derivatives))
+    seed = checks.whole_number("seed", seed)
+    d, fewer = posterior.ndim, problem.derivatives
+    number = max(d // 2 + 1, FEWEST_FITTED) if fewer else d + MORE
+    first = first_points(problem, max(number, width), seed, starts)
+    few = d // (4 if fewer else 2) + 1
+    return Design(problem, seed, first, few, max(few, width))
+
+
+class Emulation:
     """The full solves so far, and the fit to them.
 
     Args:
-        problem: What is emulated.
+        design: What is emulated, and how.
         evaluator: Runs the full solves.
-        few: A batch has one point per ``few`` that explores beyond the posterior.
 
     Attributes:
         coordinates: Those in which the last fit sees the parameters.
         theta: The solved points, ``(N, d)``.
         rows: Their rows ``(N, columns)``; -inf and NaN if a solve failed.
+        history: One row per round: solves, predicted and true error, draws.
+        settled: Whether the last call of ``run`` ended within tolerance.
     """
 
-    def __init__(
-        self, problem: EmulationProblem, evaluator: Evaluation, few: int
-    ) -> None:
-        self.problem, self.evaluator, self.few = problem, evaluator, few
-        self.coordinates, self._compared = (first := problem.coordinates), 0
+    def __init__(self, design: Design, evaluator: Evaluation) -> None:
+        self.design, self.problem = design, design.problem
+        self.evaluator, self.few = evaluator, design.few
+        self.history: list[tuple[int, float, float, float]] = []
+        self.settled = False
+        self._explorer, self._power = Explorer(design.problem), 0.0
+        self._last: tuple[EmulatedModel, EmulatedDraws] | None = None
+        self.coordinates, self._compared = (first := self.problem.coordinates), 0
         positive = Coordinates.positive(first.prior)
-        same = (positive.logs == first.logs)[problem.inputs].all()
+        same = (positive.logs == first.logs)[self.problem.inputs].all()
         self._maps = [first] if same else [first, positive]  # it may be smoothest in
-        self.theta = np.empty((0, problem.posterior.ndim))
+        self.theta = np.empty((0, self.problem.posterior.ndim))
         self.rows = np.empty((0, evaluator.posterior.row_size))
 
-    def run(
-        self, solves: int, batch: int, seed: int, tolerance: float
-    ) -> EmulatedModel:
-        """Add batches until the true error is small or all solves are spent."""
-        rng = np.random.default_rng([seed, 0, 1])  # (a last zero changes no stream)
+    def run(self, solves: int, tolerance: float) -> EmulatedModel:
+        """Add batches until the true error is small or there are so many points.
+
+        It goes on from where an earlier call has ended.
+        """
+        if not len(self.theta):
+            self._begin(solves)
+        settled, history = 0, self.history
+        while True:
+            emulator = self._fit()
+            rng = np.random.default_rng([self.design.seed, len(history)])
+            if history:
+                true = [error for _, _, error, _ in history[-SETTLED:]]
+                largest = max([LARGE_TRUE_ERROR, *filter(np.isfinite, true)])
+                wanted = (LARGE_TRUE_ERROR / largest) ** 2
+                self._power = min(max(wanted, STAGE * self._power), 1.0)
+            # At first no error is known.
+            power = self._power or 1.0
+            draws = self._explorer.draw(emulator, self.coordinates, rng, power)
+            self._last, spent = (emulator, draws), len(self.theta)
+            # Fresh draws of the whole prior may have come upon something new.
+            known = draws.predicted <= SURPRISE * tolerance
+            if spent >= solves or (settled >= SETTLED and known):
+                break
+            number = min(self.design.batch, solves - spent)
+            self.solve(self._choose(number, emulator, draws))
+            error = self._close_round(number, emulator, draws)
+            settled = settled + 1 if error <= tolerance else 0
+            text = f"emulate, error {draws.predicted:.2g} predicted, {error:.2g} true"
+            caption(self.evaluator.bar, text)
+        table = Table(
+            "Errors at draws of the posterior, in units of measurement error",
+            ("solves", "predicted error", "true error", "effective draws"),
+            ("d", ".3g", ".3g", ".0f"),
+            (*history, (spent, draws.predicted, np.nan, draws.size)),
+        )
+        promise = max(tolerance, TOLERANCE)  # of a smaller one, more is wanted only
+        last = [error for _, _, error, _ in history[-SETTLED:]]
+        close = len(last) == SETTLED and max(last) <= promise
+        self.settled = close and draws.predicted <= SURPRISE * promise
+        failed = self.evaluator.failed
+        emulator = replace(emulator, failed_solves=failed, settled=self.settled)
+        posterior = self.problem.replace_model(emulator)
+        posterior.draws = draws.members
+        posterior.notes = emulator.notes
+        return replace(emulator, history=table, posterior=posterior)
+
+    def _begin(self, solves: int) -> None:
+        """Solve the first design, and say what is odd about it."""
+        self.solve(self.design.first)
+        rng = np.random.default_rng([self.design.seed, 0, 1])
         while 0 < self._solved.sum() < FEWEST_FITTED and len(self.theta) < solves:
-            number = min(batch, solves - len(self.theta))
+            number = min(self.design.batch, solves - len(self.theta))
             self.solve(self.coordinates.prior.sample(rng, number))
         solved = self.evaluator.posterior.unfold(self.rows[self._solved])
         for text in self.problem.doubt(solved):
-            warnings.warn(text, stacklevel=3)
+            warnings.warn(text, stacklevel=4)
         if (number := int(self._solved.sum())) < FEWEST_FITTED:
             raise RuntimeError(
                 f"on_failure: only {number} of {len(self.theta)} solves succeeded, and "
                 f"a fit needs at least {FEWEST_FITTED}. Fix the model, or narrow the "
                 "prior to where it can be solved"
             )
-        explorer = Explorer(self.problem)
-        emulator, draws, settled, power = None, None, 0, 0.0
-        history: list[tuple[int, float, float, float]] = []
-        while True:
-            emulator = self._fit(emulator, draws)
-            rng = np.random.default_rng([seed, len(history)])
-            if history:
-                true = [error for _, _, error, _ in history[-SETTLED:]]
-                largest = max([LARGE_TRUE_ERROR, *filter(np.isfinite, true)])
-                wanted = (LARGE_TRUE_ERROR / largest) ** 2
-                power = min(max(wanted, STAGE * power), 1.0)
-            # At first no error is known.
-            draws = explorer.draw(emulator, self.coordinates, rng, power or 1.0)
-            spent = len(self.theta)
-            # Fresh draws of the whole prior may have come upon something new.
-            known = draws.predicted <= SURPRISE * tolerance
-            if spent == solves or (settled >= SETTLED and known):
-                break
-            number = min(batch, solves - spent)
-            self.solve(self._choose(number, emulator, draws))
-            error = self._true_error(number, emulator, draws.predicted)
-            settled = settled + 1 if error <= tolerance else 0
-            history.append((spent, draws.predicted, error, draws.size))
-            text = f"emulate, error {draws.predicted:.2g} predicted, {error:.2g} true"
-            caption(self.evaluator.bar, text)
-        history.append((spent, draws.predicted, np.nan, draws.size))
-        table = Table(
-            "Errors at draws of the posterior, in units of measurement error",
-            ("solves", "predicted error", "true error", "effective draws"),
-            ("d", ".3g", ".3g", ".0f"),
-            tuple(history),
-        )
-        promise = tolerance or TOLERANCE  # of 0, which spends all solves
-        last = [error for _, _, error, _ in history[:-1]][-SETTLED:]
-        close = len(last) == SETTLED and max(last) <= promise
-        emulator = replace(
-            emulator,
-            failed_solves=self.evaluator.failed,
-            settled=close and draws.predicted <= SURPRISE * promise,
-        )
-        posterior = self.problem.replace_model(emulator)
-        posterior.draws = draws.members
-        return replace(emulator, history=table, posterior=posterior)
+
+    def take_in(self, theta: Floats) -> None:
+        """Learn from draws of the posterior too, as a round, ``(n, d)``."""
+        self.solve(theta)
+        if self._last is not None:
+            self._close_round(len(theta), *self._last)
+
+    def _close_round(
+        self, number: int, emulator: EmulatedModel, draws: EmulatedDraws
+    ) -> float:
+        """Return the true error at the last points, and add it to the history."""
+        error = self._true_error(number, emulator, draws.predicted)
+        spent = len(self.theta) - number
+        self.history.append((spent, draws.predicted, error, draws.size))
+        return error
 
     @property
     def _solved(self) -> NDArray[np.bool_]:
@@ -291,15 +352,14 @@ class _Emulation:
         self.theta = np.vstack([self.theta, points])
         self.rows = np.vstack([self.rows, rows])
 
-    def _fit(
-        self, last: EmulatedModel | None, draws: EmulatedDraws | None
-    ) -> EmulatedModel:
+    def _fit(self) -> EmulatedModel:
         """Return an emulator fitted to all solves so far.
 
         Leave-one-out errors decide between the explored coordinates and the logarithms
         of all positive parameters, and whether to use the derivatives. The decision is
         repeated when the number of solves has grown by half.
         """
+        last, draws = self._last or (None, None)
         problem, inputs = self.problem, self.problem.inputs
         prior, theta = problem.posterior.prior, self.theta[self._solved]
         recorded = self.evaluator.posterior.unfold(self.rows[self._solved])

@@ -32,6 +32,7 @@ from ...table import Parts, Report, Table
 from .encoding import Outputs
 from .gaussian_process import Processes
 
+SETTLED = "settled"  # attribute of samples: whether the emulator was good enough
 SMALL_DIRECTION = 0.02  # in measurement errors; smaller directions are dropped
 LEAST_LOGARITHM = 1e-300  # used in logarithms instead of zero
 MOST_DIRECTIONS = 24  # directions in which the emulator errs, the largest ones
@@ -56,8 +57,9 @@ class EmulatedModel(Report):
             or for blocks of outputs with their own lengths.
         solves: Total number of solves of the full model.
         failed_solves: How many of these failed.
-        settled: Whether :func:`.emulate` ended because errors were below its tolerance;
-            False if its solves were spent before.
+        settled: Whether errors were within the tolerance of :func:`.emulate`, or within
+            0.1 if that is larger, in the last two rounds; False if its solves were
+            spent before.
         factor: Factor by which the model may err more than the processes predict.
         history: One row per round: solves, predicted and true error in units of
             measurement error.
@@ -82,6 +84,11 @@ class EmulatedModel(Report):
     def names(self) -> tuple[str, ...]:
         """The parameters that the model depends on."""
         return tuple(self.bounds)
+
+    @property
+    def notes(self) -> dict[str, object]:
+        """What samples of its posterior should say of it, for :func:`.certify`."""
+        return {SETTLED: int(self.settled)}  # netCDF has no truth values
 
     def _parts(self) -> Parts:
         left_out = [each.leave_out(each.values) for each in self.processes]
@@ -311,4 +318,6 @@ def emulate_each(
     joint = LogPosterior.joint(pairs, posterior.prior, posterior.units)
     joint.draws = emulated.posterior.draws  # by all experiments: it was the last one
     models = {name: replace(each, posterior=joint) for name, each in models.items()}
-    return EmulatedExperiments(models, joint)
+    result = EmulatedExperiments(models, joint)
+    joint.notes = {SETTLED: int(result.settled)}
+    return result

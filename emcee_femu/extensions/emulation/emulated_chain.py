@@ -34,6 +34,8 @@ class EmulatedChain:
         rng: Puts walkers in random order at each step.
 
     Attributes:
+        idata: The ArviZ object.
+        searched: Whether "auto" sampled it, which knows an evidence.
         names: Parameter names, ``d`` of them.
         draws: All draws, step by step, ``(n, d)``.
         log_posterior: The emulated log-posterior there, ``(n,)``.
@@ -59,7 +61,9 @@ class EmulatedChain:
                 "certificate has weighted; give it the object that you certified"
             )
         chains = read_chains(idata)
-        self.names, (n, _, _, d) = chains.names, chains.draws.shape
+        self.idata, self.names = idata, chains.names
+        self.searched = chains.search is not None
+        n, _, _, d = chains.draws.shape
         by_step = chains.draws.reshape(n, -1, d)
         m, steps = by_step.shape[1], np.arange(n)[:, None]
         order = rng.permuted(np.tile(np.arange(m), (n, 1)), axis=1)

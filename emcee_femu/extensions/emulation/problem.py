@@ -32,7 +32,7 @@ from ...posterior.experiments import expand, tangents_of
 from ...posterior.log_posterior import LogPosterior
 from ...search.coordinates import Coordinates
 from ...search.first_solve import doubt, doubt_prior, is_constant, same_response
-from .emulated import EmulatedModel, as_modal
+from .emulated import as_modal
 from .encoding import Named
 
 PAIRS = 0.1  # error allowed in shapes that are only used to pair modes
@@ -193,7 +193,7 @@ class EmulationProblem:
             tangent[recorded[DERIVATIVES_KNOWN] == 0] = np.nan
         return response, tangents
 
-    def replace_model(self, model: EmulatedModel) -> LogPosterior:
+    def replace_model(self, model: Model) -> LogPosterior:
         """Return the posterior with another source of the raw variables."""
         if (paired := self.paired) is None:
             return self.posterior.with_models(lambda _: model)
