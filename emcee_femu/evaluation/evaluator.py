@@ -1,6 +1,7 @@
 """Evaluate a posterior, here or on workers: solves are counted, failures rejected."""
 
 import logging
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -11,7 +12,7 @@ from emcee.pbar import get_progress_bar
 
 from ..contracts import Floats, Linearization, RepeatedModes
 from ..posterior.derivatives import difference, unstack
-from ..posterior.log_posterior import Kind, LogPosterior
+from ..posterior.log_posterior import LOG_POSTERIOR, Kind, LogPosterior
 from .failures import Failure, FailureLog, describe_failure
 from .pools import EvaluationPool
 
@@ -23,6 +24,9 @@ Failures: TypeAlias = dict[int, Failure]  # by the number of the point
 Bar: TypeAlias = Any  # tqdm's, or one with update(count)
 LOGGED = 5  # rejected solves, after which a warning of each says nothing new
 DERIVED = "gradient", "linearization"  # what asks a model for derivatives
+# Log-posterior below which a point is impossible: no data are 1e10 standard deviations
+# off, and numbers like -1e300 are meant so.
+IMPOSSIBLE = -1e20
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +64,7 @@ class Evaluation:
         solves: Points inside the prior's support so far.
         rejected: Solves that failed here so far.
         bar: What shows how many more there are; at first nothing.
+        warned: Whether it was said that points are taken for impossible.
     """
 
     solver: Solver
@@ -69,6 +74,7 @@ class Evaluation:
     solves: int = field(default=0, init=False)
     rejected: int = field(default=0, init=False)
     bar: Bar = field(default=get_progress_bar(False, None), init=False)
+    warned: bool = field(default=False, init=False)
 
     def part(self) -> "Evaluation":
         """Return an evaluation with its own counts; all is counted here too."""
@@ -178,6 +184,7 @@ class Evaluation:
 
     def _count(self, stacked: Floats, failures: Failures) -> Floats:
         """Count solves and failures, and return the results."""
+        stacked = self._reject_impossible(stacked)
         # Outside the prior's support nothing is solved, and the log-prior is -inf.
         solves = len(failures) + int(np.count_nonzero(stacked[:, 1] > -np.inf))
         self.bar.update(solves)
@@ -192,6 +199,27 @@ class Evaluation:
             evaluation.solves += solves
             if evaluation.failures is not None:
                 evaluation.failures.count(len(stacked), [*failures.values()])
+        return stacked
+
+    def _reject_impossible(self, stacked: Floats) -> Floats:
+        """Return results with a log-posterior of -inf where it is too low to be meant.
+
+        That is said once.
+        """
+        heights = stacked[:, LOG_POSTERIOR]
+        low = (heights < IMPOSSIBLE) & np.isfinite(heights)
+        if not low.any():
+            return stacked
+        whole = self.whole or self
+        if not whole.warned:
+            whole.warned = True
+            warnings.warn(
+                f"posterior: a log-posterior below {IMPOSSIBLE:g}, such as "
+                f"{heights[low].min():.3g}, is taken for impossible; return -inf there",
+                stacklevel=4,
+            )
+        stacked = stacked.copy()
+        stacked[low, LOG_POSTERIOR] = -np.inf
         return stacked
 
     def _linearize(self, theta: Floats, kind: Kind) -> Floats:

@@ -37,6 +37,9 @@ class IndependenceMove(ProposingMove):
         scale_matrices: Scale matrices S, ``(k, ndim, ndim)``; the covariance of a
             component is ``S df / (df - 2)``.
         df: Degrees of freedom; small values give heavy tails.
+        logs: Which parameters ``(ndim,)`` the mixture sees by their logarithms, such as
+            positive ones of which data know a product; None for none. Means and scale
+            matrices are those of the logarithms then.
 
     Raises:
         TypeError: If an argument does not hold real numbers.
@@ -59,6 +62,7 @@ class IndependenceMove(ProposingMove):
         means: ArrayLike,
         scale_matrices: ArrayLike,
         df: float = 8.0,
+        logs: ArrayLike | None = None,
     ) -> None:
         self.weights = checks.positive_array("weights", weights, 1)
         self.means = checks.real_array("means", means, 2)
@@ -75,7 +79,12 @@ class IndependenceMove(ProposingMove):
         total = self.weights.sum()
         if abs(total - 1) > 1e-12:  # repr and pickle give these weights again
             self.weights /= total
-        self.mixture = Mixture(self.weights, self.means, self.scale_matrices, self.df)
+        self.logs = None if logs is None else np.array(logs, dtype=bool)
+        if self.logs is not None:
+            checks.shaped("logs", self.logs.shape, (ndim,), remedy="one by parameter")
+        self.mixture = Mixture(
+            self.weights, self.means, self.scale_matrices, self.df, self.logs
+        )
 
     @classmethod
     def fit(

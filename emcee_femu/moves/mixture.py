@@ -29,13 +29,16 @@ class Mixture:
 
     .. math:: q(x) = \sum_k w_k\, t_\nu(x; \mu_k, S_k)
 
-    The covariance of a component is ``S df / (df - 2)``.
+    The covariance of a component is ``S df / (df - 2)``. It may be the law of the
+    logarithms of some parameters; what it draws, and the density, is that of the
+    parameters all the same.
 
     Attributes:
         weights: ``(k,)``, not below zero, which sum to one.
-        means: Centres, ``(k, d)``.
+        means: Centres, ``(k, d)``, with the logarithms of those parameters.
         matrices: Scale matrices S, ``(k, d, d)``, positive definite.
         df: Degrees of freedom of all components.
+        logs: Which parameters are seen by their logarithms, ``(d,)``; None for none.
 
     Raises:
         ValueError: If the weights sum to something else: draws and density would not
@@ -46,6 +49,7 @@ class Mixture:
     means: Floats
     matrices: Floats
     df: float = 8.0
+    logs: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         """Check the weights."""
@@ -87,15 +91,45 @@ class Mixture:
             matrices=self.matrices[kept],
         )
 
+    def coordinates(self, x: Floats) -> Floats:
+        """Return parameters ``(n, d)`` with the logarithms of some of them."""
+        if self.logs is None:
+            return x
+        positive = np.maximum(x, np.finfo(float).tiny)
+        return np.where(self.logs, np.log(positive), x)
+
+    def seen_in(self, logs: NDArray[np.bool_] | None) -> Self:
+        """Return the mixture in other coordinates, each component about its centre.
+
+        Where a component is wider than its distance from zero, it is put so far away.
+        """
+        d = self.means.shape[1]
+        here, there = (np.zeros(d, bool) if x is None else x for x in (self.logs, logs))
+        slopes = np.where(here, np.exp(np.where(here, self.means, 0.0)), 1.0)
+        means = np.where(here, slopes, self.means)
+        matrices = self.matrices * (slopes[:, :, None] * slopes[:, None])
+        sds = np.sqrt(np.diagonal(matrices, axis1=1, axis2=2))
+        slopes = np.where(there, np.maximum(means, sds), 1.0)
+        means = np.where(there, np.log(slopes), means)
+        matrices = matrices / (slopes[:, :, None] * slopes[:, None])
+        return replace(self, means=means, matrices=matrices, logs=logs)
+
     def squared_distances(self, x: Floats) -> Floats:
         """Return the squared Mahalanobis distance ``(n, k)`` of each x ``(n, d)``."""
+        return self._squared_distances(self.coordinates(x))
+
+    def _squared_distances(self, x: Floats) -> Floats:
         standard = (x - self.means[:, None]) @ self.inverses.transpose(0, 2, 1)
         distances: Floats = np.einsum("kni,kni->kn", standard, standard)
         return distances.T
 
     def log_parts(self, x: Floats) -> Floats:
         """Return the log of each component's share of the density, ``(n, k)``."""
-        return self._log_parts_at(self.squared_distances(x))
+        x = self.coordinates(x)
+        parts = self._log_parts_at(self._squared_distances(x))
+        if self.logs is not None:
+            parts -= x[:, self.logs].sum(axis=1)[:, None]
+        return parts
 
     def _log_parts_at(self, squared_distances: Floats) -> Floats:
         parts: Floats = np.log1p(squared_distances / self.df)
@@ -123,6 +157,9 @@ class Mixture:
         else:  # in a third of the time
             drawn = normal @ self.factors[0].T
             drawn += self.means[0]
+        if self.logs is not None:
+            with np.errstate(over="ignore"):  # out of any bounds
+                drawn[:, self.logs] = np.exp(drawn[:, self.logs])
         return drawn
 
     def improve(
@@ -143,15 +180,16 @@ class Mixture:
             tolerance: Gain of the mean log density below which they end.
 
         Returns:
-            The fit, and its mean log density over the weighted draws.
+            The fit, and its mean log density over the weighted draws, in its own
+            coordinates.
 
         Source: Peel and McLachlan (2000), doi:10.1023/A:1008981510081.
         """
-        d, df = x.shape[1], self.df
+        d, df, x = x.shape[1], self.df, self.coordinates(x)
         size = 1.0 / np.sum(shares**2)
         best, gained, mixture, before = self, -np.inf, self, self.matrices
         for _ in range(most):
-            distances = mixture.squared_distances(x)
+            distances = mixture._squared_distances(x)
             log_parts = mixture._log_parts_at(distances)
             log_density = np.logaddexp.reduce(log_parts, axis=1)
             mean_log = float(shares @ log_density)
@@ -173,7 +211,7 @@ class Mixture:
             n = (counts**2 / np.einsum("nk,nk->k", belongs, belongs))[:, None, None]
             matrices = n * sums / counts[:, None, None] + (d + 1) * before
             weights = counts / counts.sum()
-            mixture = Mixture(weights, means, matrices / (n + d + 1), df)
+            mixture = Mixture(weights, means, matrices / (n + d + 1), df, self.logs)
         return best, gained
 
     @classmethod

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..likelihoods.residuals import FitRecord
+from ..search.maxima import HITS
 from ..search.record import Chains
-from ..verdict.statistics import MaximaWeights
-from ..verdict.verdict import (
+from ..verdict.diagnosis import (
     NO_CHAINS,
     NOT_SEARCHED,
     REFUSED,
@@ -18,9 +18,10 @@ from ..verdict.verdict import (
     Cures,
     Diagnosis,
     Statement,
-    judge_chains,
     measure,
 )
+from ..verdict.statistics import MaximaWeights
+from ..verdict.verdict import judge_chains
 from .arviz_objects import (
     InferenceData,
     certificate_of,
@@ -36,7 +37,6 @@ from .to_arviz import FIT, to_inference_data
 # Further statements by title, of functions of samples with their response: see
 # CONTRIBUTING.md.
 FURTHER: dict[str, Callable[[InferenceData], Statement]] = {}
-HITS = 3  # expected, of which none comes once in twenty times
 NOT_TO_BE_USED = "refused by full solves: do not use these numbers"
 # Weights are equal within two standard errors, if these are so small.
 EQUAL_WITHIN, ERROR_OF_EQUAL = 2.0, 0.02

@@ -10,8 +10,9 @@ from ..contracts import Floats
 from ..search.importance import bridge
 from ..search.record import Annealed, Chains, about_box
 from ..table import Parts, Report
+from ..verdict.diagnosis import NOT_CONVERGED, measure
 from ..verdict.statistics import tau_by_ensemble
-from ..verdict.verdict import NOT_CONVERGED, judge_chains, measure
+from ..verdict.verdict import judge_chains
 from .arviz_objects import certificate_of
 from .chains import read_chains
 

@@ -22,7 +22,7 @@ from ..likelihoods.residuals import (
 from ..posterior.log_posterior import LogPosterior
 from ..search.first_solve import doubt_units, is_constant, same_response
 from ..search.record import Chains
-from ..verdict.verdict import Statement
+from ..verdict.diagnosis import Statement
 from .arviz_objects import InferenceData
 from .fit import find_farthest
 from .fit_modes import AND

@@ -20,7 +20,8 @@ from ..moves.proposing import ladder_of
 from ..search.record import STOPPED_BY_SOLVES, STOPPED_BY_VERDICT
 from ..search.settings import SETTINGS
 from ..verdict.burn_in import FEWEST_STEPS
-from ..verdict.verdict import NOT_CONVERGED, judge_chains, measure
+from ..verdict.diagnosis import NOT_CONVERGED, measure
+from ..verdict.verdict import judge_chains
 from .record import Run, burn_in_of, read_backends
 
 # Without steps= the verdict is asked first at so many steps, a little more than the 25

@@ -4,7 +4,7 @@ Three stages: ``adapt`` refines the core, ``carry`` adds components where few dr
 carry the variance of a parameter, and ``judge`` draws anew to judge the proposal.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,9 @@ import numpy as np
 from ..contracts import Floats
 from ..moves.mixture import Mixture
 from .archive import Archive, Draft
-from .campaign import Campaign
+from .campaign import POOR_ACCEPTANCE, Campaign
+from .climbing import Maximum
+from .maxima import NEGLIGIBLE, WORTH_SOLVES
 from .proposal import CARRIER, Component, Proposal, add_components
 
 # Rounds of a refinement at most.
@@ -25,24 +27,8 @@ HIGH_SHARE = 0.8
 FAIR_K = 0.4
 # Gain of the effective share, as a ratio, that two rounds without end the refinement.
 GAIN_OF_ROUND = 1.05
-# Rounds whose proposals may be good by chance.
-FIRST_ROUNDS = 2
-# Components of a refined mixture at most.
-MOST_REFINED = 30
 # Weight of a new component.
 NEW_WEIGHT = 0.2
-# Share of the draws by which its matrix is known, and ridge of the nearest component.
-NEAREST_SHARE = 0.1
-NEW_RIDGE = 0.01
-# Log-weight below the largest, from which a draw carries no mass.
-RELEVANT = 8.0
-# Share of the largest weight, below which a draw does not take part in a fit.
-LEAST_SHARE = 1e-12
-# Iterations of the fit to stressed weights.
-STRESSED = 10
-# ln(p / q) that a good proposal may leave where a draw has more than the share below.
-LACK = 2.5
-CARRIES = 1e-5
 # The variance of a parameter is known if its ten largest terms hold no more of it than
 # this. (Those of a Gaussian hold .06 of the variance of 1,500 draws.)
 TERMS = 10
@@ -53,32 +39,56 @@ CARRIER_WEIGHT = 0.02
 CARRIER_LACK = 0.3
 # Ridge of the nearest component in the matrix of that for carriers.
 CARRIER_RIDGE = 0.3
-# Rounds of these, and their draws by those of a round of the refinement: they are of
-# the new components alone, which are little of a mixture.
+# Rounds of these.
 CARRYING_ROUNDS = 4
-CARRYING_SHARE = 1 / 3
 
 
 def adapt(campaign: Campaign) -> None:
     """Refine the core of the proposal in rounds of drawing, weighting and fitting."""
     c, archive, drafts = campaign, campaign.archive, list[Draft]()
+    most, restored = c.evaluator.solves + c.sizes.refined, list[Maximum]()
     for number in range(REFINING_ROUNDS):
         size = c.sizes.batch * max(2, number) // 2  # later rounds have more draws
         draft = Draft(c.proposal, *c.draw(c.proposal.law, size))
         archive.add(draft.theta, draft.rows, c.proposal.law)
         drafts.append(draft)
-        spent = sum(len(past.theta) for past in drafts)
-        if not len(archive.x) or spent >= c.sizes.refined:
+        if not len(archive.x):
             break
-        if _is_enough(drafts):
-            lack = archive.log_ratio(c.proposal.law)
-            if lack[archive.shares > CARRIES].max() < LACK:
-                break
+        enough = c.evaluator.solves >= most or _is_enough(drafts)
+        lost = _find_lost(c, restored) if enough else []
+        if enough and not lost:
+            break
         if number + 1 < REFINING_ROUNDS:
-            core = _refit(archive, c.proposal.core, c.settings.dfs)
+            core = _refit(c, draft.acceptance < POOR_ACCEPTANCE)
+            if lost:  # as many solves again, if it takes so many
+                core = add_components(core, [_at_maximum(core, top) for top in lost])
+                drafts, restored = [], restored + lost
+                most = c.evaluator.solves + c.sizes.refined
             c.proposal = Proposal.fitted(core)
     if np.isnan(c.first_share):
         c.first_share = archive.effective_share(c.proposal.law)
+
+
+def _find_lost(campaign: Campaign, restored: Sequence[Maximum]) -> list[Maximum]:
+    """Return maxima that the proposal never reaches, if not restored before."""
+    c, law, maxima = campaign, campaign.proposal.law, campaign.maxima
+    return [
+        top
+        for top in maxima.found
+        if top.log_evidence > maxima.log_evidence + np.log(WORTH_SOLVES)
+        and top.log_posterior - c.archive.log_evidence
+        > NEGLIGIBLE + law.log_density(top.theta[None])[0]
+        and not any(top is other for other in restored)
+    ]
+
+
+def _at_maximum(core: Mixture, top: Maximum) -> Component:
+    """Return a component at a maximum, no wider than the one nearest to it."""
+    alone = Mixture(np.ones(1), top.theta[None], top.covariance[None], core.df)
+    alone = alone.seen_in(core.logs)
+    near = core.matrices[np.argmin(core.squared_distances(top.theta[None])[0])]
+    matrix = min(near, alone.matrices[0], key=np.linalg.det)
+    return Component(NEW_WEIGHT, alone.means[0], matrix)
 
 
 def carry(campaign: Campaign) -> None:
@@ -90,7 +100,8 @@ def carry(campaign: Campaign) -> None:
         carriers = [Component(weight, *place) for place in places]
         if not carriers:
             break
-        c.extend(carriers, CARRIER, round(CARRYING_SHARE * c.sizes.batch))
+        # They are of the new components alone, which are little of a mixture.
+        c.extend(carriers, CARRIER, c.sizes.batch // 3)
 
 
 def judge(campaign: Campaign) -> None:
@@ -107,15 +118,14 @@ def _is_enough(drafts: list[Draft]) -> bool:
     shares = [draft.efficiency for draft in drafts]
     if shares[-1] > GOOD_SHARE:
         return True
-    if len(drafts) <= FIRST_ROUNDS + 1:
-        return False
-    settled = max(shares[-2:]) < GAIN_OF_ROUND * max(shares[:-2])
+    earlier = shares[:-2]  # the first may be good by chance
+    settled = len(earlier) > 1 and max(shares[-2:]) < GAIN_OF_ROUND * max(earlier)
     return settled and (drafts[-1].pareto_k < FAIR_K or shares[-1] > HIGH_SHARE)
 
 
 def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]:
     """Yield mean and matrix of draws that carry the variance of a parameter."""
-    x = archive.x
+    x, plain = archive.x, law.seen_in(None)
     if len(x) <= TERMS:
         return
     lack = archive.log_ratio(law)
@@ -128,67 +138,75 @@ def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]
             continue
         part /= part.sum()
         mean = part @ x
-        nearest = np.argmin(law.squared_distances(mean[None])[0])
+        nearest = np.argmin(plain.squared_distances(mean[None])[0])
         centred = x - mean
         matrix = (part * centred.T) @ centred
-        matrix += CARRIER_RIDGE * law.matrices[nearest]
+        matrix += CARRIER_RIDGE * plain.matrices[nearest]
         yield mean, matrix
 
 
-def _refit(archive: Archive, core: Mixture, dfs: tuple[float, ...]) -> Mixture:
-    """Return the mixture that fits the weighted draws best, by Akaike's criterion."""
-    shares = archive.shares
+def _refit(campaign: Campaign, poor: bool) -> Mixture:
+    """Return the old mixture or a fit to the weighted draws, by Akaike's criterion.
+
+    In each of the coordinates there are two fits, one with a component more, at the
+    draw that costs the other one most. The tails are those of the largest effective
+    share. A poor mixture is not kept: few draws weigh, none of which could pay for a
+    component by the criterion.
+    """
+    archive, dfs = campaign.archive, campaign.settings.dfs
+    core = campaign.proposal.core
     # Truncated, so that one draw where the mixture lacks mass does not outweigh all
     # others (Ionides 2008, doi:10.1198/106186008X320456).
-    shares = np.minimum(shares, len(shares) ** -0.5)
-    shares /= shares.sum()
-    use = shares > LEAST_SHARE * shares.max()
-    x, shares = archive.x[use], shares[use]
+    shares = np.minimum(archive.shares, len(archive.x) ** -0.5)
+    use = shares > np.finfo(float).eps * shares.max()
+    x, shares = archive.x[use], shares[use] / shares[use].sum()
+    candidates = [] if poor else [replace(core, df=df) for df in dfs]
+    for logs in campaign.coordinates:
+        begin = core if logs is core.logs else core.seen_in(logs)
+        fitted, _ = begin.improve(x, shares)
+        costs = np.log(shares) + archive.log_p[use] - fitted.log_density(x)
+        added = _component_at(int(np.argmax(costs)), x, shares, fitted)
+        larger, _ = add_components(fitted, [added]).improve(x, shares)
+        candidates += [fitted, larger]
     size, d = 1.0 / np.sum(shares**2), x.shape[1]
-    candidates = []
-    for df in dfs:
-        other = replace(core, df=df)
-        candidates.append((-2 * size * float(shares @ other.log_density(x)), other))
-    for fitted, gained in _fits(x, shares, archive.log_p[use], core):
-        parameters = len(fitted.weights) * (1 + d + d * (d + 1) / 2)
-        candidates.append((2 * parameters - 2 * size * gained, fitted))
-    chosen = min(candidates, key=lambda pair: pair[0])[1]
 
-    def share(fitted: Mixture) -> float:
-        return archive.effective_share(Proposal.fitted(fitted).law)
+    def gain(mixture: Mixture) -> float:
+        """Return half of Akaike's criterion, with its sign turned."""
+        parameters = len(mixture.weights) * (d + 1) * (d + 2) / 2
+        free = 0.0 if mixture.means is core.means else parameters
+        return float(size * (shares @ mixture.log_density(x)) - free)
 
-    tails = [replace(chosen, df=df) for df in dfs]
+    def share(mixture: Mixture) -> float:
+        return archive.effective_share(Proposal.fitted(mixture).law)
+
+    chosen = max(candidates, key=gain)
+    best = max((replace(chosen, df=df) for df in dfs), key=share)
     # In many dimensions a fit looks better by its own draws than it is.
-    if chosen.means is core.means and max(map(share, tails)) > HIGH_SHARE:
-        return max(tails, key=share)
-    # By the effective share, which regions of large weights spoil most: EM on weights
-    # that stress them brings the mixture nearer to its largest effective share.
+    if chosen.means is core.means and share(best) > HIGH_SHARE:
+        return best
+    # EM on weights that stress the largest brings the mixture nearer to its largest
+    # effective share, which these spoil most.
     excess = archive.log_p[use] - chosen.log_density(x)
     stressed = shares * np.exp(0.5 * (excess - excess.max()))
-    again = chosen.improve(x, stressed / stressed.sum(), STRESSED)[0]
-    tails += [replace(again, df=df) for df in dfs]
-    return max(tails, key=share)
+    again, _ = chosen.improve(x, stressed / stressed.sum(), 10)
+    return max([best, *(replace(again, df=df) for df in dfs)], key=share)
 
 
-def _fits(
-    x: Floats, shares: Floats, log_p: Floats, core: Mixture
-) -> Iterator[tuple[Mixture, float]]:
-    """Yield the fit, and one with a component more where the mixture lacks most."""
-    fitted, gained = core.improve(x, shares)
-    yield fitted, gained
-    if len(fitted.weights) >= MOST_REFINED:
-        return
-    relevant = np.log(shares / shares.max()) > -RELEVANT
-    lacking = np.where(relevant, log_p - fitted.log_density(x), -np.inf)
-    place = x[np.argmax(lacking)]
-    nearest = np.argmin(fitted.squared_distances(place[None])[0])
-    near = fitted.matrices[nearest]
-    distances = ((x - place) @ np.linalg.inv(fitted.factors[nearest]).T) ** 2
-    order = np.argsort(distances.sum(axis=1))
-    enough = np.searchsorted(np.cumsum(shares[order]), NEAREST_SHARE)
-    some = order[: max(int(enough), 3 * x.shape[1])]
-    share = 0.5 * shares[some] / shares[some].sum() + 0.5 / len(some)
-    centred = x[some] - place
-    matrix = (share * centred.T) @ centred + NEW_RIDGE * near
-    new = add_components(fitted, [Component(NEW_WEIGHT, place, matrix)])
-    yield new.improve(x, shares)
+def _component_at(place: int, x: Floats, shares: Floats, fitted: Mixture) -> Component:
+    """Return a new component of a mixture, about one of the weighted draws.
+
+    Its matrix is that of the draws nearest to it, which hold as much as its weight, and
+    of the nearest component, as if one draw had said so.
+    """
+    seen, d = fitted.coordinates(x), x.shape[1]
+    centred = seen - seen[place]
+    nearest = np.argmin(fitted.squared_distances(x[[place]])[0])
+    distances = ((centred @ fitted.inverses[nearest].T) ** 2).sum(axis=1)
+    order = np.argsort(distances)
+    enough = int(np.searchsorted(np.cumsum(shares[order]), NEW_WEIGHT))
+    some = order[: max(enough, 3 * d)]
+    # Half by their weights, of which one may be all.
+    part = 0.5 * shares[some] / shares[some].sum() + 0.5 / len(some)
+    matrix = (part * centred[some].T) @ centred[some]
+    matrix += fitted.matrices[nearest] / len(some)
+    return Component(NEW_WEIGHT, seen[place], matrix)

@@ -23,6 +23,7 @@ from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
 from ..evaluation.resume import open_evaluator
 from ..moves.independence import ComponentWalk, IndependenceMove
+from ..moves.mixture import MOST_FITTED, PER_PARAMETER
 from ..moves.proposing import temper
 from ..posterior.log_posterior import (
     LOG_POSTERIOR,
@@ -42,15 +43,10 @@ MOST_FINITE_DRAWS = 20
 LAST_POWERS = 2
 # Share of the members that has to be independent of their ancestors.
 RENEWED = 0.8
-# Sweeps at one power at most, for starts and for an evidence.
-MOST_SWEEPS = 20
-MOST_THOROUGH = 30
+# Sweeps at one power at most.
+MOST_SWEEPS = 30
 # Standard errors by which two estimates of the evidence may differ.
 AGREED = 2.5
-# Components of a fit at most.
-MOST_ANNEALED = 6
-# Members of a half for each parameter and component at least.
-PER_COMPONENT = 10
 # Scale of the best random walk for a Gaussian: an accepted step in d dimensions is
 # worth 2.8 / d independent draws, and a quarter of the steps is accepted.
 WORTH_OF_STEP = 2.8
@@ -210,7 +206,6 @@ def anneal_population(
     fits = [IndependenceMove.fit(theta[half]) for half in halves[::-1]]
     lineages, powers = _Lineages(size, float(np.log(share))), [0.0]
     history: list[_Renewed] = []
-    longest = MOST_THOROUGH if thorough else MOST_SWEEPS
     while powers[-1] < 1 and (left := most - evaluator.solves + before) > size:
         low = log_likelihood(rows)
         power, step = _next_power(low, powers[-1])
@@ -220,7 +215,7 @@ def anneal_population(
         first, second = (theta[half] for half in halves)
         fits = [_fit(second, first, fits[0]), _fit(first, second, fits[1])]
         here = alone if power == 1 else evaluate  # where no other law counts
-        sweeps = int(min(longest, left / size))
+        sweeps = int(min(MOST_SWEEPS, left / size))
         history.append(
             _renew(here, theta, rows, halves, power, random, fits, thorough, sweeps)
         )
@@ -304,7 +299,7 @@ class _Lineages:
 
 def fewest_members(ndim: int) -> int:
     """Return the smallest population that a mixture can be fitted to, in halves."""
-    return 2 * PER_COMPONENT * ndim
+    return 2 * PER_PARAMETER * ndim
 
 
 def _find_problems(tried: list[Floats], value: float, error: float) -> tuple[str, ...]:
@@ -403,7 +398,7 @@ def _fit(draws: Floats, others: Floats, last: IndependenceMove) -> IndependenceM
     Where a thin part of the prior holds nearly all of the likelihood, a half may become
     copies of one member, which have no covariance: then the last fit serves again.
     """
-    most = min(MOST_ANNEALED, len(draws) // (PER_COMPONENT * draws.shape[1]))
+    most = min(MOST_FITTED, len(draws) // (PER_PARAMETER * draws.shape[1]))
     best, score = last, -np.inf
     for components in range(1, most + 1):
         try:

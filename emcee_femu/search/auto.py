@@ -11,46 +11,32 @@ from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
 from ..evaluation.samplers import start_state
 from ..moves import HamiltonianMove
-from ..moves.mixture import Mixture
+from ..moves.mixture import PER_PARAMETER
 from ..posterior.followed_modes import follow_modes
-from .adapt import adapt, carry, judge
+from .adapt import REFINING_ROUNDS, adapt, carry, judge
 from .anneal import anneal_population, fewest_members
 from .campaign import POOR_ACCEPTANCE, Campaign, Sizes, Stage
 from .coordinates import Coordinates
 from .explore import explore
 from .importance import find_acceptance, resample
 from .ledger import Kept, Ledger
-from .proposal import Proposal, assign
-from .record import Annealed, SearchRecord, weigh
+from .proposal import assign
+from .record import HAMILTONIAN, SearchRecord, weigh
 from .response_surface import SURFACE_COST, learn_surface
 from .settings import SETTINGS
 from .tails import follow_tails
 
-# Solves of a search by those of a long chain.
-CHAIN_BUDGET = 2.0
-# Points of a search at least.
-FEWEST_SEARCHED = 1_000
 # Draws of a round of the refinement at least, and by the evaluations of the chain.
 # (Five stiffnesses, 192,000 evaluations: 960 instead of 300 raise the acceptance from
 # .7 to .83, which is worth 25,000 evaluations, and cost 4,000.)
 ROUND = 300
 ROUND_SHARE = 0.005
-# Draws of a round for each parameter at least.
-ROUND_PER_PARAMETER = 10
-# Draws by which a proposal is judged at least.
-TRIED = 800
-# Draws of the last round of a refinement at most, by those of a round.
-LAST_ROUND = 6
-# Draws of a refinement, unless half of the chain has more.
-LEAST_REFINED = 1_500
 # Proposals that a surface accepts before one is solved, and proposals that it sees at
 # most.
 SCREENED = 10
 MOST_SCREENED = 100
 # Members of the populations of all ensembles.
 POPULATION = 1_000
-# Degrees of freedom of a mixture that is fitted to them.
-POPULATION_DF = 5.0
 # Draws from which Hamiltonian moves are tuned.
 TUNING_DRAWS = 24
 # Solves that this takes at most, for which a budget has to be twice as large.
@@ -59,15 +45,14 @@ TUNING = 14_000
 # that waits there leaves by the other moves. (H structure, beta 500, 200 steps, 5
 # seeds: at most 77 instead of 139.)
 SCREENED_SHARE = 0.8
-# Share of independence proposals beside Hamiltonian moves, if there are several maxima.
-SHARE_BESIDE_HAMILTONIAN = 0.1
-# Importance weights that a record keeps at most.
-KEPT_WEIGHTS = 2_000
 
 
 def budget_of(evaluations: int) -> int:
-    """Return the most that a search may spend before a chain of so many evaluations."""
-    return max(SETTINGS.least_budget, round(CHAIN_BUDGET * evaluations))
+    """Return the most that a search may spend before a chain of so many evaluations.
+
+    That is twice as many, and no less than before a short chain.
+    """
+    return max(SETTINGS.least_budget, 2 * evaluations)
 
 
 def search_and_start(
@@ -127,22 +112,22 @@ def _plan(
     budget: int,
 ) -> tuple[Ledger, Sizes]:
     """Return what is kept for whom, and how many points and draws stages take."""
-    posterior = evaluator.posterior
-    refined = max(LEAST_REFINED, evaluations // 2)
-    batch = max(
-        ROUND, ROUND_PER_PARAMETER * posterior.ndim, round(ROUND_SHARE * evaluations)
-    )
-    judged = max(TRIED, 2 * batch, min(4 * walkers, budget // 8))
+    posterior, settings = evaluator.posterior, SETTINGS
+    batch = max(ROUND, PER_PARAMETER * posterior.ndim, round(ROUND_SHARE * evaluations))
+    last = REFINING_ROUNDS // 2 * batch  # draws of the last round
+    refined = max(last, evaluations // 2)
+    judged = max(2 * batch, min(4 * walkers, budget // 8))
     tunable = posterior.differentiable and budget >= 2 * TUNING
     kept: dict[Kept, int] = {
         "adapt": refined,
-        "judge": LAST_ROUND * batch + judged,
+        "judge": last + judged,
         "bend": SURFACE_COST * posterior.normal,
         "tune": TUNING * tunable,
     }
     ledger = Ledger(evaluator, budget, kept)
-    most = SETTINGS.most_searched
-    points = max(FEWEST_SEARCHED, round(SETTINGS.searched_share * evaluations))
+    most, usual = settings.most_searched, settings.searched_share * settings.sized_for
+    # Half as many as of a run that ends by itself, at least.
+    points = round(max(usual / 2, settings.searched_share * evaluations))
     points = min(points, most)
     if not (posterior.differentiable or any(term.observed for term in posterior.terms)):
         points = max(points, min(most, evaluations, ledger.end()))
@@ -175,53 +160,37 @@ def look_for_gradients(campaign: Campaign) -> None:
     campaign.by_gradients = tunable and campaign.draft.acceptance < POOR_ACCEPTANCE
 
 
-def try_again(campaign: Campaign) -> None:
-    """Anneal where the proposal lacks part of the posterior, and refine it anew."""
-    c, first = campaign, campaign.draft
-    if c.surface or first.reliable or (c.by_gradients and first.efficiency):
+def anneal_starts(campaign: Campaign) -> None:
+    """Anneal populations to start from, where the proposal hardly meets the posterior.
+
+    That is where the shapes of the maxima say too little, or none is met at all.
+    """
+    c, draft = campaign, campaign.draft
+    if c.surface or draft.reliable or (c.by_gradients and draft.efficiency):
         return
     affordable = c.evaluator.solves < c.ledger.end("adapt", "judge")
-    core = first.proposal.undefended
-    # Where the shapes of the maxima say too little, or never met the posterior.
-    poor = first.acceptance < POOR_ACCEPTANCE
-    if (poor and affordable) or not first.efficiency:
-        with c.ledger.charge("anneal"):
-            c.populations = _anneal_each(c)
-        if affordable:
-            members = np.concatenate([each.theta for each in c.populations])
-            core = Mixture.fit(members, "auto", POPULATION_DF)
-    if not affordable:
+    if draft.efficiency and (draft.acceptance > POOR_ACCEPTANCE or not affordable):
         return
-    c.proposal = Proposal.fitted(core)
-    for stage in REFINEMENT:
-        with c.ledger.charge(stage.__name__):
-            stage(c)
-    if not c.draft.is_better(first):
-        c.draft = first
+    number = len(c.streams)
+    size = max(fewest_members(c.posterior.ndim), POPULATION // number)
+    plain = Coordinates.plain(c.posterior.prior)
+    most = (c.ledger.end("adapt", "judge") - c.evaluator.solves) / number
+    c.populations = [
+        anneal_population(c.evaluator, plain, rng, size, most=most) for rng in c.streams
+    ]
 
 
-# The stages of a refinement, and all of "auto". A tuple without one is an ablation.
-REFINEMENT: tuple[Stage, ...] = (adapt, follow_tails, carry, judge)
+# All of "auto". A tuple without a stage is an ablation.
 STAGES: tuple[Stage, ...] = (
     explore,
-    *REFINEMENT,
+    adapt,
+    follow_tails,
+    carry,
+    judge,
     bend,
     look_for_gradients,
-    try_again,
+    anneal_starts,
 )
-
-
-def _anneal_each(campaign: Campaign) -> list[Annealed]:
-    """Return an annealed population of each ensemble."""
-    evaluator, number = campaign.evaluator, len(campaign.streams)
-    posterior = evaluator.posterior
-    size = max(fewest_members(posterior.ndim), POPULATION // number)
-    plain = Coordinates.plain(posterior.prior)
-    most = (campaign.ledger.end("adapt", "judge") - evaluator.solves) / number
-    return [
-        anneal_population(evaluator, plain, rng, size, most=most)
-        for rng in campaign.streams
-    ]
 
 
 def _assign_climbs(campaign: Campaign) -> NDArray[np.intp]:
@@ -279,7 +248,7 @@ def _record(
         with c.ledger.charge("tune"):
             trajectories = _tune_trajectories(c, np.concatenate(starts))
         # For jumps between maxima.
-        share = SHARE_BESIDE_HAMILTONIAN if count > 1 else 0.0
+        share = (1 - HAMILTONIAN) / 2 if count > 1 else 0.0
     weights, errors = weigh(draft.owner, draft.log_weights, count)
     owned = draft.owner[:, None] == np.arange(count)
     height = np.where(owned, draft.log_p[:, None], -np.inf)
@@ -304,7 +273,7 @@ def _record(
         starts=np.array(walkers),
         pareto_k=draft.pareto_k,
         efficiency=draft.efficiency,
-        log_weights=draft.log_weights[:: -(-len(draft.log_weights) // KEPT_WEIGHTS)],
+        log_weights=draft.log_weights,
         points=c.points,
         climbs=c.maxima.climbs,
         from_prior=c.maxima.from_prior,
@@ -322,7 +291,7 @@ def _record(
 
 def _tune_trajectories(campaign: Campaign, draws: Floats) -> dict[str, object]:
     """Return the arguments of Hamiltonian moves."""
-    narrow = campaign.draft.proposal.undefended
+    narrow = campaign.draft.proposal.undefended.seen_in(None)
     metric = np.einsum("k,kij->ij", narrow.weights, narrow.matrices)
     some = draws[:: -(-len(draws) // TUNING_DRAWS)]
     move = HamiltonianMove.tuned(campaign.evaluator, some, metric, seed=0)

@@ -2,15 +2,18 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
 from ..moves.mixture import Mixture
 from ..posterior.log_posterior import LogPosterior
 from .archive import Archive, Draft
+from .coordinates import Coordinates
 from .ledger import Ledger
 from .maxima import Maxima
 from .proposal import Component, Proposal
@@ -24,6 +27,8 @@ MOST_QUADRATIC = 30
 # badly that polynomials are learned from its draws, which must reach the ends of a
 # ridge. (Of 14 buildings of ten storeys 13 converged; without it 10.)
 WEIGHED_WHERE_BENT = 2.0
+# Draws of the prior whose median is well inside it.
+MEDIAN_DRAWS = 1_000
 # Acceptance of independence proposals below which other moves do better.
 POOR_ACCEPTANCE = 0.2
 
@@ -35,7 +40,7 @@ class Sizes:
     Attributes:
         points: Points of the exploration.
         batch: Draws of one round of the refinement, at least.
-        refined: Draws after which no round of a refinement begins.
+        refined: Solves after which no round of a refinement begins.
         judged: Draws by which a proposal is judged.
     """
 
@@ -60,7 +65,6 @@ class Campaign:
         maxima: The maxima that were found.
         proposal: The present proposal; none before the exploration.
         draft: The best proposal so far, with the draws that judged it.
-        tails: Components for tails, which a refinement does not keep.
         points: How many points were explored.
         first_share: Effective share of the first refined mixture, without those.
         surface: The response surface that screens proposals, where there is one.
@@ -78,7 +82,6 @@ class Campaign:
     maxima: Maxima = field(init=False)
     proposal: Proposal = field(init=False)
     draft: Draft = field(init=False)
-    tails: list[Component] = field(default_factory=list)
     points: int = 0
     first_share: float = np.nan
     surface: ResponseSurface | None = None
@@ -88,7 +91,23 @@ class Campaign:
     def __post_init__(self) -> None:
         """Begin with an empty archive."""
         self.archive = Archive(self.posterior.ndim)
-        self.maxima = Maxima(len(self.streams))
+        self.maxima = Maxima(len(self.streams), self.coordinates)
+
+    @cached_property
+    def coordinates(self) -> tuple[NDArray[np.bool_] | None, ...]:
+        """Which parameters a mixture may see by their logarithms: none, or all it can.
+
+        It may where the prior allows only positive values and has no density at zero.
+        Otherwise the density of the logarithm has an exponential tail towards zero,
+        which is heavier than that of a mixture that is fitted to draws.
+        """
+        prior = self.posterior.prior
+        logs = Coordinates.positive(prior).logs
+        theta = np.median(prior.sample(np.random.default_rng(0), MEDIAN_DRAWS), axis=0)
+        at_zero = np.where(np.eye(len(theta), dtype=bool), 0.0, theta)
+        with np.errstate(all="ignore"):
+            logs &= np.isneginf(prior.logpdf(at_zero))
+        return (None, logs) if logs.any() else (None,)
 
     @property
     def posterior(self) -> LogPosterior:
@@ -113,11 +132,14 @@ class Campaign:
         return theta, self.evaluator.rows(theta)
 
     def extend(self, added: Sequence[Component], kind: str, number: int) -> None:
-        """Add components to the proposal, after some draws of these alone."""
+        """Add components of the parameters, after some draws of these alone."""
+        law = self.proposal.law
         weights, means, matrices = map(np.array, zip(*added, strict=True))
-        alone = Mixture(weights / weights.sum(), means, matrices, self.proposal.law.df)
+        alone = Mixture(weights / weights.sum(), means, matrices, law.df)
+        alone = alone.seen_in(law.logs)
         self.archive.add(*self.draw(alone, number), alone)
-        self.proposal = self.proposal.extended(added, kind)
+        parts = map(Component, weights, alone.means, alone.matrices)
+        self.proposal = self.proposal.extended([*parts], kind)
 
 
 Stage: TypeAlias = Callable[[Campaign], None]

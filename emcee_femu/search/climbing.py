@@ -17,7 +17,13 @@ from ..likelihoods.term import ERROR_PRIOR
 from ..posterior.log_posterior import LOG_POSTERIOR
 from .coordinates import Coordinates
 from .curvature import Local, Space
-from .quadratic import find_damping, log_integral, make_positive, step_within
+from .quadratic import (
+    LEAST_CURVATURE,
+    find_damping,
+    log_integral,
+    make_positive,
+    step_within,
+)
 
 # Log-posterior that a step has to gain: it ends 0.045 standard deviations from the top.
 WORTH_A_STEP = 1e-3
@@ -26,20 +32,16 @@ WORTH_A_STEP = 1e-3
 NOISE_OF_TOP = 0.1
 # Steps of a climb at most.
 MOST_STEPS = 100
-# Ratios of the actual gain to the predicted one: from the first a step is accepted,
-# below the second the radius shrinks, above the third it grows.
-GAIN_ACCEPTED = 0.01
+# Ratios of the actual gain to the predicted one: below the first the radius shrinks,
+# above the second it grows.
 GAIN_POOR = 0.25
 GAIN_GOOD = 0.75
 # Factors of the step by which the radius shrinks and grows.
 SHORTER = 0.25
 LONGER = 3.0
-# Curvature of a maximum at least, by prior variances; rounding makes it negative.
-SADDLE = -0.1
-# Distance from a bound, in prior standard deviations, at which a point is on it.
-TOUCHING = 1e-9
 # Width of a posterior at least, by that of the prior: no data make it as narrow, and
-# rounded frequencies would stop a climb at a tenth of it.
+# rounded frequencies would stop a climb at a tenth of it. So near a bound a point is on
+# it.
 NARROWEST = 1e-8
 # Drop of the log evidence towards a singularity, at least, for its integral to count as
 # finite. Where it is finite the drop is 10 and more, elsewhere there is none.
@@ -150,8 +152,8 @@ class Climb:
         self.predicted = float(uphill @ step - 0.5 * step @ curvature @ step)
         low, high = box.T  # a step that reaches a bound ends exactly on it
         end = local.point + step
-        end = np.where(end > high - TOUCHING, high, end)
-        self.target = np.where(end < low + TOUCHING, low, end)
+        end = np.where(end > high - NARROWEST, high, end)
+        self.target = np.where(end < low + NARROWEST, low, end)
         self.damped = damping > 0
 
     def take(self, trial: Local) -> None:
@@ -159,7 +161,7 @@ class Climb:
         local = self.local
         length = float(np.linalg.norm(trial.point - local.point))
         gained = (trial.value - local.value) / self.predicted
-        if gained > GAIN_ACCEPTED and trial.usable:
+        if gained > 0 and trial.usable:
             self.local = trial
             if gained < GAIN_POOR:
                 self.radius = SHORTER * length
@@ -329,7 +331,8 @@ def _leave_saddle(local: Local, box: Floats) -> Floats | None:
     """Return a gradient that leads downhill in curvature, None at a maximum."""
     free = (local.point[:, None] != box).all(axis=1)
     values, vectors = np.linalg.eigh(local.curvature[np.ix_(free, free)])
-    if not free.any() or values[0] > SADDLE:
+    # Rounding makes that of a maximum negative too.
+    if not free.any() or values[0] > -LEAST_CURVATURE:
         return None
     gradient = local.gradient.copy()
     side = np.sign(gradient[free] @ vectors[:, 0]) or 1.0

@@ -18,10 +18,6 @@ from ..posterior.priors import prior_scale
 QUANTILE_DRAWS = 20_000
 # Ratio of the quantiles .95 and .05, from which logarithms are natural.
 DECADES = 30.0
-# Largest logarithm of a finite number.
-LARGEST_LOG = 700.0
-# Distance from a bound at least.
-LEAST_DISTANCE = 1e-200
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,18 +91,17 @@ class Coordinates:
     def coordinates(self, theta: Floats) -> Floats:
         """Return the coordinates ``(n, d)`` of parameters within their bounds."""
         x = theta.copy()
-        x[:, self.logs] = np.log(np.maximum(theta[:, self.logs], LEAST_DISTANCE))
+        x[:, self.logs] = _log(theta[:, self.logs])
         low, high = self.prior.bounds[self.logits].T
         below, above = theta[:, self.logits] - low, high - theta[:, self.logits]
-        x[:, self.logits] = np.log(
-            np.maximum(below, LEAST_DISTANCE) / np.maximum(above, LEAST_DISTANCE)
-        )
+        x[:, self.logits] = _log(below) - _log(above)
         return x
 
     def parameters(self, x: Floats) -> Floats:
         """Return the parameters ``(n, d)`` that have these coordinates."""
         theta = x.copy()
-        theta[:, self.logs] = np.exp(np.minimum(x[:, self.logs], LARGEST_LOG))
+        largest = np.log(np.finfo(float).max)
+        theta[:, self.logs] = np.exp(np.minimum(x[:, self.logs], largest))
         low, high = self.prior.bounds[self.logits].T
         theta[:, self.logits] = low + (high - low) * expit(x[:, self.logits])
         return theta
@@ -172,6 +167,11 @@ class Coordinates:
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draw ``(n, d)`` coordinates from the prior."""
         return self.coordinates(self.prior.sample(rng, n))
+
+
+def _log(distance: Floats) -> Floats:
+    """Return logarithms of distances from a bound, finite on it too."""
+    return np.asarray(np.log(np.maximum(distance, np.finfo(float).tiny)))
 
 
 def _shifted(rows: Floats, by: Floats) -> Floats:

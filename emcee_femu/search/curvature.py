@@ -25,12 +25,9 @@ FIRST_OFFSET = 1e-3
 OFFSET = 0.05
 # Step of differences in prior standard deviations at most.
 MOST_OFFSET = 0.1
-# The same three for a solver that prints few digits.
-GRAINED_FIRST = 0.1
+# The last two for a solver that prints few digits.
 GRAINED_OFFSET = 1.0
 MOST_GRAINED = 0.5
-# Product of two vectors, relative to their lengths, below which it is rounding.
-ORTHOGONAL = 1e-8
 
 
 class Local(NamedTuple):
@@ -196,7 +193,7 @@ class Space:
     ) -> tuple[Floats, Floats]:
         """Return two steps on each axis, ``(d,)`` each, that stay inside the bounds."""
         usual = FIRST_OFFSET, OFFSET, MOST_OFFSET
-        grained = GRAINED_FIRST, GRAINED_OFFSET, MOST_GRAINED
+        grained = MOST_OFFSET, GRAINED_OFFSET, MOST_GRAINED
         begin, share, most = grained if self.printed else usual
         size = np.full(len(point), begin)
         if curvature is not None:
@@ -214,6 +211,7 @@ def _bend(before: Local, here: Local) -> Floats:
     step = here.point - before.point
     rest = before.gradient - here.gradient - before.curvature @ step
     product = rest @ step
-    if abs(product) <= ORTHOGONAL * np.linalg.norm(rest) * np.linalg.norm(step):
+    rounding = np.sqrt(np.finfo(float).eps)
+    if abs(product) <= rounding * np.linalg.norm(rest) * np.linalg.norm(step):
         return before.curvature
     return np.asarray(before.curvature + np.outer(rest, rest) / product)

@@ -14,18 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..contracts import Floats
-from ..moves.mixture import GAUSSIAN, Mixture
+from ..moves.mixture import Mixture
 from ..posterior.log_posterior import LOG_POSTERIOR
 from ..posterior.priors import summarize_prior
 from .campaign import Campaign
 from .climbing import climb
 from .first_solve import doubt_reach
 from .proposal import Proposal
+from .shoulders import UNEXPLAINED, find_shoulders
 
 # Part of a budget up to which the search may climb, however small the budget is.
 CLIMBED_AT_LEAST = 1 / 3
-# Log-density beyond that of Gaussians at the maxima from which a point is unexplained.
-UNEXPLAINED = 2.0
 # Where the way from a maximum to a point is looked at, by its length.
 WAY_POINTS = np.array([0.2, 0.4, 0.6, 0.8])
 # Log-density by which the lowest point of a way has to be below the point at its end,
@@ -36,12 +35,7 @@ VALLEY = 0.5
 TESTED = 8
 # Share of the points of a search that may be spent on ways, each time.
 SHARE_TESTED = 0.1
-# Climbs from unexplained points at most. No search has reached so many.
-MOST_CLIMBS = 60
-# Solves of climbs from the prior by the points of a search, where derivatives make
-# climbs cheap.
-CLIMBED_SHARE = 0.5
-# How many of these climbs share their batches.
+# How many climbs from the prior share their batches.
 CLIMBED_AT_ONCE = 24
 # Ratio of the widths of two scans about the maxima, one wider than the other.
 SCAN_WIDENS = 2.0
@@ -83,8 +77,17 @@ def explore(campaign: Campaign) -> None:
             "their derivatives fail at every start; fix them, or use DEMCMove()"
         )
     if c.posterior.differentiable:
-        search.climb_from_prior(len(theta), CLIMBED_SHARE * size)
+        search.climb_from_prior(len(theta), size / 2)
     search.follow(size)
+    most = c.evaluator.solves + SHARE_TESTED * size
+    find_shoulders(
+        c.evaluator,
+        c.maxima,
+        search.theta,
+        search.heights,
+        c.settings.fruitless,
+        min(search.most, most),
+    )
     scans = search.wider_mixtures()
     for mixture in scans:
         number = -(-each // len(scans))
@@ -92,7 +95,8 @@ def explore(campaign: Campaign) -> None:
         c.archive.add(*search.evaluate(drawn), mixture)
     search.follow(size)
     c.points = len(search.theta)
-    c.proposal = Proposal.fitted(c.maxima.mixture())
+    begins = [c.maxima.mixture().seen_in(logs) for logs in c.coordinates]
+    c.proposal = Proposal.fitted(max(begins, key=c.archive.effective_share))
 
 
 class _Exploration:
@@ -127,9 +131,7 @@ class _Exploration:
         """Climb from some of the points; return whether there is a new maximum."""
         starts, guess = self.theta[numbers], None
         if self.maxima.found:
-            mixture = self.maxima.mixture()
-            nearest = mixture.squared_distances(starts[:1])[0].argmin()
-            guess = mixture.matrices[nearest]
+            guess = self.maxima.nearest(starts[0])
         left = self.most - self.evaluator.solves
         reached = climb(self.evaluator, starts, guess, left, masses=True)
         self.maxima.climbs += len(starts)
@@ -165,11 +167,9 @@ class _Exploration:
         tested = np.zeros(len(self.theta), dtype=bool)
         waiting: list[int] = []
         while fruitless < self.settings.fruitless:
-            if self.maxima.climbs - self.maxima.from_prior >= MOST_CLIMBS:
-                return
             if self.evaluator.solves > self.most:
                 return
-            excess = self._find_excess()
+            excess = self.maxima.excess(self.theta, self.heights)
             waiting = [i for i in waiting if excess[i] > UNEXPLAINED]
             if waiting:
                 fruitless = 0 if self.climb([waiting.pop()]) else fruitless + 1
@@ -199,12 +199,6 @@ class _Exploration:
             replace(mixture, matrices=mixture.matrices * factor**2)
             for factor in factors[factors < ratio]
         ]
-
-    def _find_excess(self) -> Floats:
-        """Return the log-densities beyond those of Gaussians at the maxima."""
-        gaussians = replace(self.maxima.mixture(), df=GAUSSIAN)
-        explained = gaussians.log_density(self.theta)
-        return np.asarray(self.heights - self.maxima.log_evidence - explained)
 
     def _choose(self, excess: Floats, tested: NDArray[np.bool_]) -> list[int]:
         """Return untested points that are explained least, by ensembles in turn.

@@ -18,17 +18,14 @@ from ..posterior.priors import inside, prior_centre, summarize_prior
 from ..table import Column, Parts, Report, Table, number_columns
 from .climbing import Maximum, climb, distinct
 from .first_solve import check_first_solve
-from .importance import GOOD_K, kish_share, pareto_k
+from .importance import FAIR_SHARE, FEWEST_WEIGHTS, GOOD_K, kish_share, pareto_k
+from .maxima import HITS
 from .quadratic import moments_inside
 
-# Draws of a check at least; of fewer there is no Pareto k.
-FEWEST_CHECKED = 25
 # Maxima in the tables at most.
 SHOWN_MAXIMA = 4
 # Draws for each one that has to lie inside the bounds.
 TRIALS = 100
-# Effective share of the draws from which the posterior is close to the Gaussians.
-EFFECTIVE = 0.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,6 +44,7 @@ class FoundMap(Report):
         pareto_k: Pareto k of their importance weights; NaN without a check.
         efficiency: Effective share of the weights (Kish); NaN without a check.
         printed: Whether the solver returns numbers with few digits, as if printed.
+        from_prior: How many climbs began at draws of the prior.
     """
 
     posterior: LogPosterior
@@ -59,6 +57,7 @@ class FoundMap(Report):
     pareto_k: float = np.nan
     efficiency: float = np.nan
     printed: bool = False
+    from_prior: int = 0
 
     def draw(self, n: int, seed: int) -> Floats:
         """Return draws ``(n, d)`` of the Gaussians, by weight, inside the bounds.
@@ -143,6 +142,12 @@ class FoundMap(Report):
             f"A start and a quick look: {k} maxim{'a' if k > 1 else 'um'} from {n} "
             f"climb{'s' if n > 1 else ''} and {self.solves} solves."
         ]
+        few = self.from_prior // HITS
+        sentences.append(
+            f"A maximum at which fewer than one climb in {few} ends may be missing."
+            if few > 1
+            else "Others may be missing: so few starts of the prior do not tell."
+        )
         if k > SHOWN_MAXIMA:
             sentences.append(f"{k - SHOWN_MAXIMA} of smaller weight are not shown.")
         for reason, count in Counter(self.lost).items():
@@ -168,9 +173,9 @@ class FoundMap(Report):
             f"Pareto k {self.pareto_k:.2f}, {100 * self.efficiency:.0f} % effective, "
             f"of {self.draws} draws"
         )
-        if self.draws < FEWEST_CHECKED:
+        if self.draws < FEWEST_WEIGHTS:
             statistics = "less than 1 % of their draws are inside the bounds"
-        if not (self.pareto_k < GOOD_K and self.efficiency > EFFECTIVE):
+        if not (self.pareto_k < GOOD_K and self.efficiency > FAIR_SHARE):
             return (
                 f"The posterior is not Gaussian about them ({statistics}): take "
                 "neither standard deviations nor weights from here; sample it."
@@ -248,9 +253,9 @@ def find_map(
     ).spawn(2)
     points = _choose_starts(posterior, starts, for_starts)
     check = checks.whole_number("check", check)
-    if 0 < check < FEWEST_CHECKED:
+    if 0 < check < FEWEST_WEIGHTS:
         raise ValueError(
-            f"check: expected 0 or at least {FEWEST_CHECKED} draws, got {check}"
+            f"check: expected 0 or at least {FEWEST_WEIGHTS} draws, got {check}"
         )
     how = workers, pool, on_failure, max_failures
     with open_evaluator(posterior, {}, *how) as evaluation:
@@ -288,6 +293,7 @@ def find_map(
         pareto_k=k,
         efficiency=share,
         printed=is_printed(posterior, np.array([end.row for end in ends])),
+        from_prior=0 if np.iterable(starts) else len(points),
     )
 
 

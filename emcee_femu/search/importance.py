@@ -19,8 +19,6 @@ FAIR_SHARE = 0.5
 FEWEST_WEIGHTS = 25
 # Relative range of the largest weights, below which they are equal and have no tail.
 EQUAL = 1e-9
-# Draws at most by which an acceptance is known.
-COMPARED = 500
 
 
 def pareto_k(log_weights: Floats) -> float:
@@ -139,8 +137,6 @@ def find_acceptance(log_p: Floats, log_c: Floats, log_q: Floats) -> float:
         log_c: The same of c.
         log_q: The same of q.
     """
-    some = slice(None, None, -(-len(log_p) // COMPARED))
-    log_p, log_c, log_q = log_p[some], log_c[some], log_q[some]
     if not np.isfinite(log_p + log_c).any():
         return 0.0
     at_p, at_c = (softmax(x - log_q) for x in (log_p, log_c))

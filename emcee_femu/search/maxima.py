@@ -1,15 +1,39 @@
 """The maxima that a search has found, and who found them."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Protocol
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from ..moves.mixture import Mixture
+from ..contracts import Floats
+from ..moves.mixture import GAUSSIAN, Mixture
 from .climbing import Maximum, distinct
 
 # Log evidence below the largest, from which a maximum gets no component.
 NEGLIGIBLE = 12.0
-# Degrees of freedom of the components at the maxima.
-FIRST_DF = 8.0
+# Hits expected, of which none comes once in twenty times.
+HITS = 3
+# Share of the evidence from which a part is worth solves of its own.
+WORTH_SOLVES = 0.03
+
+
+class Gaussian(Protocol):
+    """What a maximum and a shoulder have: a Gaussian with its evidence."""
+
+    @property
+    def theta(self) -> Floats:
+        """Its centre, ``(d,)``."""
+
+    @property
+    def covariance(self) -> Floats:
+        """``(d, d)``."""
+
+    @property
+    def log_evidence(self) -> float:
+        """Inside the bounds."""
 
 
 class Maxima:
@@ -17,35 +41,65 @@ class Maxima:
 
     Args:
         ensembles: How many ensembles search.
+        coordinates: In which Gaussians may be: which parameters are seen by their
+            logarithms, ``(d,)``, or None for none.
 
     Attributes:
         found: The maxima, in the order in which they were found.
+        shoulders: Mass beside them that their Gaussians do not hold.
         found_by: Climbs of each ensemble that ended at each maximum.
         climbs: How many climbs there were.
         from_prior: How many of them began at a draw of the prior, whatever its height.
     """
 
-    def __init__(self, ensembles: int) -> None:
+    def __init__(
+        self,
+        ensembles: int,
+        coordinates: Sequence[NDArray[np.bool_] | None] = (None,),
+    ) -> None:
         self.found: list[Maximum] = []
         self.found_by: list[list[int]] = []
+        self.shoulders: list[Gaussian] = []
         self.climbs = self.from_prior = 0
-        self._ensembles = ensembles
+        self._ensembles, self._coordinates = ensembles, coordinates
 
     @property
     def log_evidence(self) -> float:
         """What Laplace's approximations at all of them add up to."""
-        return float(logsumexp([maximum.log_evidence for maximum in self.found]))
+        return float(logsumexp([part.log_evidence for part in self.parts]))
+
+    @property
+    def parts(self) -> list[Gaussian]:
+        """The Gaussians at the maxima and their shoulders."""
+        return [*self.found, *self.shoulders]
 
     def mixture(self) -> Mixture:
-        """Return a Student-t component for each maximum, weighted by its evidence."""
-        evidences = np.array([maximum.log_evidence for maximum in self.found])
+        """Return a Student-t component for each part, weighted by its evidence."""
+        parts = self.parts
+        evidences = np.array([part.log_evidence for part in parts])
         kept = np.flatnonzero(evidences > evidences.max() - NEGLIGIBLE)
         return Mixture(
             np.exp(evidences[kept] - logsumexp(evidences[kept])),
-            np.array([self.found[i].theta for i in kept]),
-            np.array([self.found[i].covariance for i in kept]),
-            FIRST_DF,
+            np.array([parts[i].theta for i in kept]),
+            np.array([parts[i].covariance for i in kept]),
         )
+
+    def excess(self, theta: Floats, heights: Floats) -> Floats:
+        """Return the log-posteriors ``(n,)`` beyond those of Gaussians at the parts.
+
+        In whichever coordinates these explain more.
+        """
+        gaussians = replace(self.mixture(), df=GAUSSIAN)
+        explained = [
+            gaussians.seen_in(logs).log_density(theta) for logs in self._coordinates
+        ]
+        return np.asarray(heights - self.log_evidence - np.max(explained, axis=0))
+
+    def nearest(self, theta: Floats) -> Floats:
+        """Return the scale matrix of the component that a point is nearest to."""
+        mixture = self.mixture()
+        nearest = mixture.squared_distances(theta[None])[0].argmin()
+        return np.asarray(mixture.matrices[nearest])
 
     def add(self, maximum: Maximum, ensemble: int) -> bool:
         """Take in where a climb of an ensemble ended; return whether that is new."""

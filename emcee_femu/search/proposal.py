@@ -1,7 +1,7 @@
 """A proposal: a mixture whose components are known by what they are for."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Self, TypeAlias
 
@@ -20,21 +20,25 @@ DEFENSIVE = "defensive"
 TAIL = "tail"
 CARRIER = "carrier"
 
-# Weights of the defensive components, and their widths by that of the core. They bound
-# the importance weights where the others leave gaps, and in the tails (Hesterberg 1995,
+# Weight of the defensive component, and its width by that of the core. It bounds the
+# importance weights where the others leave gaps, and in the tails (Hesterberg 1995,
 # doi:10.1080/00401706.1995.10484303).
-DEFENCE = ((0.05, 1.5), (0.05, 3.0))
+DEFENCE_WEIGHT = 0.1
+DEFENCE_WIDTH = 2.0
 # Weight of all components that are added at once.
 MOST_ADDED = 0.35
 # Squared distance of two centres, by the sum of the matrices, from which components
 # belong to separate maxima.
 MAXIMA_APART = 10.0
-# The maximum of a defensive component, which belongs to none.
+# The maximum of the defensive component, which belongs to none.
 NO_MAXIMUM = -1
 
 
 class Component(NamedTuple):
-    """A component to be added: weight, mean ``(d,)``, scale matrix ``(d, d)``."""
+    """A component to be added: weight, mean ``(d,)``, scale matrix ``(d, d)``.
+
+    In the coordinates of the mixture to which it is added.
+    """
 
     weight: float
     mean: Floats
@@ -43,10 +47,10 @@ class Component(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """A mixture inside two wide components, with what each component is for.
+    """A mixture inside a wide component, with what each component is for.
 
     Attributes:
-        core: The mixture without the wide components.
+        core: The mixture without the wide component.
         kinds: What each component of it is for, ``(k,)``: "core" if it was fitted to
             the draws, "tail" or "carrier" if it was added where draws lacked.
     """
@@ -61,23 +65,23 @@ class Proposal:
 
     @cached_property
     def law(self) -> Mixture:
-        """The mixture from which is drawn, with the defensive components."""
+        """The mixture from which is drawn, with the defensive component."""
         core = self.core
         mean = core.weights @ core.means
         apart = core.means - mean
         spread = (core.weights * apart.T) @ apart * (core.df - 2) / core.df
         wide = np.einsum("k,kij->ij", core.weights, core.matrices) + spread
-        added = [Component(weight, mean, by**2 * wide) for weight, by in DEFENCE]
-        return add_components(core, added)
+        defence = Component(DEFENCE_WEIGHT, mean, DEFENCE_WIDTH**2 * wide)
+        return add_components(core, [defence])
 
     @property
     def law_kinds(self) -> NDArray[np.str_]:
         """What each component of the law is for."""
-        return np.append(self.kinds, [DEFENSIVE] * len(DEFENCE))
+        return np.append(self.kinds, DEFENSIVE)
 
     @property
     def undefended(self) -> Mixture:
-        """The law of a draw that is of no defensive component."""
+        """The law of a draw that is not of the defensive component."""
         return self.law.given(self.law_kinds != DEFENSIVE)
 
     def extended(self, added: Sequence[Component], kind: str) -> Self:
@@ -88,15 +92,20 @@ class Proposal:
     def separate(self) -> Labels:
         """Return the maximum of each component of the law; of several that overlap one.
 
-        Defensive components belong to none.
+        A carrier may span several maxima, and joins none. What was added for tails or
+        carriers makes no maximum of its own: it belongs to that of the nearest
+        component which was fitted. The defensive component belongs to none.
         """
         means, matrices = self.core.means, self.core.matrices
         apart, sums = means[:, None] - means, matrices[:, None] + matrices
         solved = np.linalg.solve(sums, apart[..., None]).squeeze(-1)
-        near = np.einsum("ijd,ijd->ij", apart, solved) < MAXIMA_APART
+        squares = np.einsum("ijd,ijd->ij", apart, solved)
+        local, fitted = self.kinds != CARRIER, np.flatnonzero(self.kinds == CORE)
+        joined = (squares < MAXIMA_APART) & local & local[:, None]
+        groups = connected_components(joined, directed=False)[1]
+        owners = groups[fitted[squares[:, fitted].argmin(axis=1)]]
         labels = np.full(len(self.law_kinds), NO_MAXIMUM, dtype=np.intp)
-        owned = self.law_kinds != DEFENSIVE
-        labels[owned] = connected_components(near, directed=False)[1]
+        labels[self.law_kinds != DEFENSIVE] = np.unique(owners, return_inverse=True)[1]
         return labels
 
 
@@ -104,11 +113,11 @@ def add_components(mixture: Mixture, added: Sequence[Component]) -> Mixture:
     """Return a mixture with more components."""
     weights, means, matrices = map(np.array, zip(*added, strict=True))
     weights = weights * min(1.0, MOST_ADDED / weights.sum())
-    return Mixture(
-        np.append((1 - weights.sum()) * mixture.weights, weights),
-        np.vstack([mixture.means, means]),
-        np.concatenate([mixture.matrices, matrices]),
-        mixture.df,
+    return replace(
+        mixture,
+        weights=np.append((1 - weights.sum()) * mixture.weights, weights),
+        means=np.vstack([mixture.means, means]),
+        matrices=np.concatenate([mixture.matrices, matrices]),
     )
 
 

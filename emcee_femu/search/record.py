@@ -200,8 +200,8 @@ class SearchRecord(Report):
     or several that overlap.
 
     Attributes:
-        mixture: The frozen proposal; its defensive components cover the others.
-        maximum_of: The maximum of each component, -1 for defensive ones.
+        mixture: The frozen proposal; its defensive component covers the others.
+        maximum_of: The maximum of each component, -1 for the defensive one.
         weights: Each maximum's share of the posterior by importance sampling; NaN if
             unknown.
         errors: Standard errors of the weights.
@@ -272,7 +272,7 @@ class SearchRecord(Report):
         """The frozen proposal as a move."""
         mixture = self.mixture
         return IndependenceMove(
-            mixture.weights, mixture.means, mixture.matrices, mixture.df
+            mixture.weights, mixture.means, mixture.matrices, mixture.df, mixture.logs
         )
 
     def moves(self, prior: Prior | None) -> list[tuple[Move, float]]:
@@ -331,9 +331,10 @@ class SearchRecord(Report):
     @classmethod
     def from_json(cls, record: dict[str, Any]) -> Self:
         """Return the record that :meth:`to_json` wrote."""
-        *lists, df = record["mixture"]
+        *lists, df, logs = [*record["mixture"], None][:5]  # in files of 0.5 no logs
+        logs = None if logs is None else np.array(logs, dtype=bool)
         weights, means, matrices = map(np.array, lists)
-        mixture = Mixture(weights, means, matrices, df)
+        mixture = Mixture(weights, means, matrices, df, logs)
         fields = {RENAMED.get(name, name): value for name, value in record.items()}
         return cls(**_as_arrays(fields | {"mixture": mixture}))
 

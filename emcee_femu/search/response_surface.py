@@ -25,15 +25,16 @@ from .coordinates import Coordinates
 from .importance import resample
 from .proposal import Proposal
 
-# Terms of a polynomial at most, and its degrees: cubic for 9 to 12 parameters.
+# Terms of a polynomial at most: cubic for 9 to 12 parameters.
 MOST_TERMS = 500
-DEGREES = range(1, 5)
+# Its degree at most.
+MOST_DEGREE = 4
 # Solves of the first fit, by the terms of a polynomial.
 SOLVES_PER_TERM = 2
-# How often so many are drawn at most, if they are out of bounds or fail.
-MOST_FIRST_DRAWS = 5
-# Fits after the first one, and the solves for each.
+# Fits after the first one, and how often draws are drawn for that at most, if they are
+# out of bounds or fail.
 SURFACE_ROUNDS = 5
+# Solves for each fit.
 SURFACE_SOLVES = 600
 # Solves that a surface takes at most.
 SURFACE_COST = SOLVES_PER_TERM * MOST_TERMS + SURFACE_ROUNDS * SURFACE_SOLVES
@@ -60,8 +61,6 @@ WEIGHED_LEVEL = 2.0
 LEAST_WEIGHT = 1e-4
 # Ridge that draws coefficients to zero, relative to one point.
 COEFFICIENT_RIDGE = 1e-6
-# Log-density where the polynomials make no sense any more.
-NO_SENSE = -1e100
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,7 +111,7 @@ class ResponseSurface:
             r, log_sd = np.split(np.array(pairs), 2)
             likelihood = log_normal(r, np.exp(log_sd)).sum(axis=0)
             likelihood += np.minimum(rest, self.most)
-        values[inside] += np.nan_to_num(likelihood, nan=NO_SENSE, neginf=NO_SENSE)
+        values[inside] += np.nan_to_num(likelihood, nan=-np.inf, neginf=-np.inf)
         return values
 
 
@@ -188,7 +187,7 @@ def learn_surface(
         no sample.
     """
     d, prior = evaluator.posterior.ndim, evaluator.posterior.prior
-    degree = max(k for k in DEGREES if comb(d + k, k) <= MOST_TERMS)
+    degree = max(k for k in range(1, MOST_DEGREE + 1) if comb(d + k, k) <= MOST_TERMS)
     if (first := _solve_first(evaluator, law, rng, comb(d + degree, degree))) is None:
         return None
     theta, solved = first
@@ -202,7 +201,10 @@ def learn_surface(
         walked = _walk(surface, law, rng, SURFACE_KEPT)
         try:
             # A fit's own wide component would join separate maxima.
-            fits = [Mixture.fit(x, "auto", DF, covered=False) for x in walked]
+            fits = [
+                Mixture.fit(law.coordinates(x), "auto", DF, covered=False)
+                for x in walked
+            ]
         except ValueError:  # nearly all walkers are at one place, or far from any solve
             return None
         weights = [
@@ -211,7 +213,7 @@ def learn_surface(
         ]
         means = np.vstack([fit.means for fit in fits])
         matrices = np.concatenate([fit.matrices for fit in fits])
-        core = Mixture(np.concatenate(weights), means, matrices, DF)
+        core = Mixture(np.concatenate(weights), means, matrices, DF, law.logs)
         proposal = Proposal.fitted(core)
         law = proposal.law
     return surface, proposal
@@ -234,7 +236,7 @@ def _solve_first(
     """
     points: list[Floats] = []
     values: list[Floats] = []
-    for _ in range(MOST_FIRST_DRAWS):
+    for _ in range(SURFACE_ROUNDS):
         drawn = law.draw(rng, SOLVES_PER_TERM * terms)
         inside = np.isfinite(evaluator.posterior.prior.logpdf(drawn))
         points.append(drawn[inside])
@@ -251,7 +253,9 @@ def _walk(
     """Return draws ``(n, d)`` of a surface at each temperature, by walkers on it."""
     x = law.draw(rng, CHEAP)
     log_c, log_q = surface(x), law.log_density(x)
-    independent = IndependenceMove(law.weights, law.means, law.matrices, law.df)
+    independent = IndependenceMove(
+        law.weights, law.means, law.matrices, law.df, law.logs
+    )
     moves = [(independent, INDEPENDENT), (DEMCMove(), 1.0 - INDEPENDENT)]
     drawn = []
 

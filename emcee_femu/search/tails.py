@@ -20,8 +20,6 @@ TAIL_SHARE = 0.003
 TAIL_WIDTH = 0.8
 # Share of the variance below which what lies in a slab does not matter.
 TAIL_MATTERS = 1e-3
-# Slabs of a tail at most.
-MOST_SLABS = 40
 # A slab is known by its draws if they hold so many errors of their share: 20 draws.
 WELL_SEEN = 4.5
 # Five draws will do, if Laplace's approximation finds at most twice as much there.
@@ -31,42 +29,29 @@ AGREE = 2.0
 TAIL_PART = 0.1
 # Width of a component at most, in standard deviations of the posterior.
 WIDEST = 2.0
-# Effective draws for each parameter, below which their covariance may be singular.
-DRAWS_PER_DIMENSION = 2
 # Weight of the components by the share of the variance that Laplace says. (Mass-spring,
 # whose tail is .14 of a variance and .26 to .29 by Laplace: with 1 the draws are .5
 # instead of .6 effective, and runs take 12,200 instead of 11,200 solves.)
 TAIL_WEIGHT = 0.5
-# Part of the squared way through a slab that is added to the matrix of its component:
-# twice the variance of points along the way.
-STRETCHED = 1 / 6
+# Draws of each slab, of these alone.
+PER_SLAB = 40
 # Rounds of climbs in the tails.
 TAIL_ROUNDS = 2
-# Slabs for which there are as many draws, of these alone, as half a round of the
-# refinement has.
-SLABS_PER_ROUND = 4
-# Solves that each round may spend, by the draws of a refinement, and at most: twice
-# what they are by default.
-TAIL_SOLVES = 0.6
-MOST_TAIL_SOLVES = 6_000
+# Solves that each round may spend.
+TAIL_SOLVES = 3_000
 
 
 def follow_tails(campaign: Campaign) -> None:
     """Follow the tails in rounds, and add a component for each slab that matters."""
-    c, new = campaign, campaign.tails[:]
+    c, new = campaign, list[Component]()
     for number in range(TAIL_ROUNDS + 1):
         if new:
-            drawn = c.sizes.batch * max(1, len(new) // SLABS_PER_ROUND) // 2
-            c.extend(new, TAIL, drawn)
+            c.extend(new, TAIL, max(c.sizes.batch // 2, PER_SLAB * len(new)))
         if number == TAIL_ROUNDS or (number and not new):
             return
-        spent = c.evaluator.solves + min(
-            TAIL_SOLVES * c.sizes.refined, MOST_TAIL_SOLVES
-        )
-        most = min(c.ledger.end("judge"), spent)
+        most = min(c.ledger.end("judge"), c.evaluator.solves + TAIL_SOLVES)
         slabs = climb_tails(c.evaluator, c.archive, most)
         new = [slab._replace(weight=c.heavy * slab.weight) for slab in slabs]
-        c.tails.extend(new)
 
 
 def climb_tails(
@@ -84,7 +69,7 @@ def climb_tails(
         most: Solves after which no climb begins.
     """
     dimensions = archive.x.shape[1]
-    if archive.effective < DRAWS_PER_DIMENSION * dimensions:
+    if archive.effective < 2 * dimensions:  # of which a covariance may be singular
         return []
     for j in range(dimensions):
         lower, upper = (_follow(evaluator, archive, j, side, most) for side in (0, 1))
@@ -104,7 +89,7 @@ def _follow(
     order = np.argsort(x[:, j])[::-sign]
     place = x[order[int(np.searchsorted(shares[order].cumsum(), TAIL_SHARE))]]
     value, way = place[j], 0.0 * place
-    for _ in range(MOST_SLABS):
+    while True:
         further = np.clip(value + sign * TAIL_WIDTH * sd, *bounds[j])
         if further == value or evaluator.solves > most:
             break
@@ -157,4 +142,5 @@ def _within(
     matrix = top.covariance * np.outer(sds / known, sds / known)
     inwards = np.where(top.theta == low, sds, -sds)
     mean = top.theta + np.where(pressed, inwards, -way / 2)
-    return mean, matrix + STRETCHED * np.outer(way, way)
+    # Twice the variance of points along the way.
+    return mean, matrix + np.outer(way, way) / 6

@@ -18,15 +18,13 @@ from ..contracts import Floats
 from ..search.importance import independence_acceptance, pareto_k
 from ..search.record import Chains
 from ..table import Parts, Report, Table
-from .burn_in import find_burn_in, means_over_walkers
+from .burn_in import FEWEST_STEPS, find_burn_in, means_over_walkers
 
 FEWEST_ENSEMBLES = 3  # of which the scatter is known
 FALSE_ALARM = 1e-4  # its probability, over all parameters
 TAU_KNOWN_TO = 1.5  # ratio by which a variance claimed from tau may be too small
 TAILS = (0.05, 0.95)
-SHORTEST_DRIFT = 4  # steps of a drift that is looked for
-MOST_WEIGHED = 20_000  # whose Pareto k is found
-CHUNK = 20_000
+MOST_WEIGHED = 20_000  # draws at once, and those whose Pareto k is found
 MOST_BY_OTHERS = 0.5  # share of independence proposals; of fewer, others end waits
 
 
@@ -151,13 +149,13 @@ def find_drift(draws: Floats) -> int:
     """
     series = means_over_walkers(draws)
     steps, ensembles, m = series.shape
-    half = steps // 2
-    if half < SHORTEST_DRIFT:
+    half, shortest = steps // 2, FEWEST_STEPS // 2
+    if half < shortest:
         return 0
     late = series[half:]
     sizes = mean_sizes(late.swapaxes(0, 1)) / len(late)  # by step, of all ensembles
     lengths = []
-    while half >= SHORTEST_DRIFT:
+    while half >= shortest:
         lengths.append(half)
         half //= 2
     # By F, since so few independent values tell the variance.
@@ -169,7 +167,7 @@ def find_drift(draws: Floats) -> int:
         with np.errstate(divide="ignore", invalid="ignore"):
             squares = apart**2 / (late.var(axis=(0, 1)) * share / sizes)
         if (squares > TAU_KNOWN_TO * least).any():  # never for NaN
-            burn_in = max(find_burn_in(draws), SHORTEST_DRIFT)
+            burn_in = max(find_burn_in(draws), shortest)
             return steps if find_drift(draws[burn_in:]) else burn_in
     return 0
 
@@ -241,7 +239,7 @@ def weigh_maxima(chains: Chains) -> MaximaWeights | None:
         return None
     count = len(search.weights)
     flat = draws.reshape(-1, draws.shape[-1])
-    pieces = np.array_split(flat, -(-len(flat) // CHUNK))
+    pieces = np.array_split(flat, -(-len(flat) // MOST_WEIGHED))
     log_q = np.concatenate([search.mixture.log_density(x) for x in pieces])
     log_weights = chains.log_prob.reshape(-1) - log_q
     owner = np.concatenate([search.label(x) for x in pieces])

@@ -38,17 +38,18 @@ import emcee_femu as ef
 from emcee_femu.table import Table
 
 # Each after what imports it.
-OWNERS = """run advance auto explore tails adapt campaign archive maxima record
-    response_surface anneal climbing curvature quadratic proposal importance""".split()
+OWNERS = """run advance auto explore shoulders tails adapt campaign archive maxima
+    record response_surface anneal climbing curvature quadratic proposal
+    importance""".split()
 FOLDERS = {"run": "sampling", "advance": "sampling"}
 MODULES = {
     owner: import_module(f"emcee_femu.{FOLDERS.get(owner, 'search')}.{owner}")
     for owner in OWNERS
 }
 SETTINGS = MODULES["auto"].SETTINGS
-LEFT_OUT = """KEPT_WEIGHTS FOLLOWED_MAC TOUCHING NARROWEST CURVATURE_ROUNDED NO_SENSE
-    FEWEST_WEIGHTS LAST_POWERS MOST_THOROUGH AGREED TEMPERATURE_SHARES NO_MODE BRIEF
-    COEFFICIENT_RIDGE FEWEST_SOLVES_OF_AUTO USUAL_SOLVES LONG_RUN GAUSSIAN""".split()
+LEFT_OUT = """FOLLOWED_MAC NARROWEST CURVATURE_ROUNDED FEWEST_WEIGHTS LAST_POWERS
+    AGREED TEMPERATURE_SHARES NO_MAXIMUM BRIEF COEFFICIENT_RIDGE FEWEST_SOLVES_OF_AUTO
+    USUAL_SOLVES LONG_RUN GAUSSIAN""".split()
 FIELDS = {field.name: "Settings" for field in fields(SETTINGS)}
 NAMES = FIELDS | {
     name: owner for owner, module in MODULES.items()

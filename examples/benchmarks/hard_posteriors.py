@@ -1,4 +1,4 @@
-"""Forty-four posteriors that are hard for samplers but can be sampled exactly.
+"""Posteriors that are hard for samplers but can be sampled exactly.
 
 Every target is a density inside a box, with a uniform prior there. TARGETS: unequal
 modes, a ring, a funnel, heavy tails, a banana, ten modes, a corner, a ridge,
@@ -7,14 +7,16 @@ noise. FRESH, to which no setting was tuned: modes of unequal widths and weights
 of which a search of this size misses, heavy tails, flat and skew densities, and shells.
 BELIEVED, where a chain looks converged and is wrong: thin arms, lobes at bounds,
 neighbouring maxima, inferred errors, rings and corners, of which much of the variance,
-or a second maximum, is where a sampler seldom goes.
+or a second maximum, is where a sampler seldom goes. OVERLAPS: flat Gaussians across
+each other, whose curvature at a maximum is that of neither.
 
 Run it:  python examples/benchmarks/hard_targets.py
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import permutations
+from functools import partial
+from itertools import permutations, product
 from typing import Any
 
 import numpy as np
@@ -144,6 +146,18 @@ def crossed(d: int, apart: float, thin: float, weights: tuple[float, ...]) -> Ta
     means[1:, :2] = apart * np.arange(1, count)[:, None]
     factors = [np.diag(scale) for scale in scales]
     return gaussians(weights, means, factors, box(d, -12, 12))
+
+
+def pancakes(d: int, apart: float, light: float) -> Target:
+    """Return two flat Gaussians across each other, the lighter off where both are wide.
+
+    That is in two of the axes that are wide in the heavier one and thin in itself.
+    """
+    scales = np.where(np.arange(d) < d // 2, [[2.0], [0.2]], [[0.2], [2.0]])
+    means = np.zeros((2, d))
+    means[1, :2] = apart
+    factors = [*map(np.diag, scales)]
+    return gaussians([1 - light, light], means, factors, box(d, -12, 12))
 
 
 def radial(
@@ -441,4 +455,10 @@ BELIEVED: dict[str, Callable[[], Target]] = {
     "three crossed, d=6": lambda: crossed(6, 1.2, 0.3, (0.5, 0.3, 0.2)),
     "inferred errors, d=6": lambda: unknown_errors(3, 3.0, 2, 4, 30, (1e-3, 30)),
     "common scale, d=5": shrunk,
+}
+OVERLAPS: dict[str, Callable[[], Target]] = {
+    f"pancakes, d={d}, {light}, {apart} off": partial(pancakes, d, apart, light)
+    for d, light, apart in product(
+        (6, 8, 10), (0.1, 0.2, 0.3, 0.4, 0.5), (1.0, 1.5, 2.0)
+    )
 }

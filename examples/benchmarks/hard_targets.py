@@ -16,14 +16,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from commands import command, tabulate
-from hard_posteriors import BELIEVED, FRESH, TARGETS, Target, inside, posterior_of
+from hard_posteriors import (
+    BELIEVED,
+    FRESH,
+    OVERLAPS,
+    TARGETS,
+    Target,
+    inside,
+    posterior_of,
+)
 
 import emcee_femu as ef
 
 Floats = np.ndarray
 MOST_DRAWS, MOST_NUMBERS = 1_000_000, 10_000_000  # of a target, exact
 SETS = {"eighteen": TARGETS, "twelve": FRESH, "fourteen": BELIEVED}
-ALL = TARGETS | FRESH | BELIEVED
+SETS |= {"overlaps": OVERLAPS}
+ALL = TARGETS | FRESH | BELIEVED | OVERLAPS
 FAR_MEAN, FAR_SD, FAR_WEIGHT = 0.15, 0.12, 0.05
 COLUMNS = {
     "target": "", "runs": "", "converged": "", "wrong": "", "sd off %": ".0f",

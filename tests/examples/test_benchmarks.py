@@ -53,6 +53,23 @@ def test_hamiltonian():
 
 
 @pytest.mark.slow
+def test_products():
+    """Data that say a product alone, as a model and as a bare density."""
+    table = load("benchmarks/products").main(1, 3, ("uniform",), (1.0,))
+    assert table.column("converged") == [1] * 4 and not any(table.column("wrong"))
+    assert max(table.column("most")) < 40_000  # in the parameters themselves 200,000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("light", ["0.1, 1.0", "0.4, 1.5"])
+def test_of_two_parts_across_each_other_none_is_lost(light):
+    """Where the curvature at a maximum is that of neither part."""
+    name = f"pancakes, d=8, {light} off"
+    ((run,),) = load("benchmarks/hard_targets").main(1, name, 4).values()
+    assert run.converged and not run.wrong and run.right
+
+
+@pytest.mark.slow
 def test_damage_alarms(capsys):
     """What the page quotes is printed: intervals hold, in some pairs of each loss."""
     table = load("damage_alarms").main(4)

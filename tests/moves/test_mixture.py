@@ -1,5 +1,7 @@
 """Mixtures of Student-t distributions: density, draws, and fits, also to weights."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -46,6 +48,38 @@ def test_the_density_is_that_of_scipy(d):
         for m, S in zip(means, matrices, strict=True)
     ]
     assert_allclose(plain.squared_distances(x), np.transpose(squares), rtol=1e-9)
+
+
+def test_a_mixture_of_logarithms_has_density_and_draws_of_the_parameters():
+    """By SciPy's density of the logarithms, over the volume; seen as it is again."""
+    logs, rng = np.array([True, False, True]), np.random.default_rng(1)
+    law = ef.IndependenceMove(WEIGHTS, MEANS, MATRICES, DF, logs).mixture
+    x = law.draw(rng, 4_000)
+    assert (x[:, logs] > 0).all() and (x[:, 1] < 0).any()
+    seen = np.where(logs, np.log(np.abs(x)), x)
+    parts = np.column_stack([part.pdf(seen) for part in components(3)]) * WEIGHTS
+    volume = x[:, logs].prod(axis=1)
+    assert_allclose(law.log_density(x), np.log(parts.sum(axis=1) / volume), rtol=1e-9)
+    other = mixture(WEIGHTS, MEANS, MATRICES, DF).draw(rng, 4_000)
+    for direction in (*np.eye(3), np.ones(3)):
+        assert stats.ks_2samp(seen @ direction, other @ direction).pvalue > 1e-4
+    narrow = replace(law, matrices=1e-6 * law.matrices)
+    plain = narrow.seen_in(None)
+    assert plain.logs is None and (plain.means[:, logs] > 0).all()
+    near = narrow.draw(rng, 200)
+    assert_allclose(plain.log_density(near), narrow.log_density(near), atol=0.2)
+    assert_allclose(plain.seen_in(logs).matrices, narrow.matrices, rtol=1e-9)
+    assert_allclose(plain.seen_in(logs).means, narrow.means, rtol=1e-9)
+
+
+def test_a_fit_of_logarithms_is_that_to_the_logarithms_of_the_draws():
+    draws, logs = np.random.default_rng(3).lognormal(size=(400, 2)), np.full(2, True)
+    begin = mixture([1.0], np.zeros((1, 2)), np.eye(2)[None])
+    shares = np.full(400, 1 / 400)
+    fitted, gained = replace(begin, logs=logs).improve(draws, shares)
+    same, other = begin.improve(np.log(draws), shares)
+    assert_allclose(fitted.matrices, same.matrices, rtol=1e-12)
+    assert gained == other and fitted.logs is logs
 
 
 @pytest.mark.parametrize("random", [np.random.default_rng(2), np.random.RandomState(2)])

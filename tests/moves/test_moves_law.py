@@ -35,6 +35,16 @@ def unequal(target):
     return IndependenceMove([4.0, 1.0], means, [np.diag(target.scale**2)] * 2)
 
 
+def in_logarithms(target):
+    """Return a mixture of logarithms of all parameters but the last."""
+    draws = target.sample(np.random.default_rng(1), (2_000,))
+    draws = draws[(draws > 0).all(axis=1)]
+    logs = np.arange(target.ndim) < max(target.ndim - 1, 1)
+    seen = np.where(logs, np.log(draws), draws)
+    middle, matrix = seen.mean(axis=0), np.atleast_2d(1.5 * np.cov(seen.T))
+    return IndependenceMove([0.5, 0.5], [middle, 1.1 * middle], [matrix] * 2, logs=logs)
+
+
 def walk(target):
     """Return a walk by a narrow and a wide component, beside each other."""
     draws = target.sample(np.random.default_rng(1), (2_000,))
@@ -55,9 +65,11 @@ CASES = [  # move, or what makes it for a target; walkers; dimension; scale
         for n, scale in ((1, UNIT), (6, FAR))
     ],
     (unequal, 6, 3, UNIT),
+    (in_logarithms, 6, 3, UNIT),
+    (in_logarithms, 1, 3, FAR),
     # In one dimension, where constants have values of their own.
     (DEMCMove(), 6, 1, UNIT),
-    *[(make, 3, 1, UNIT) for make in (correlated, badly_fitted(1))],
+    *[(make, 3, 1, UNIT) for make in (correlated, badly_fitted(1), in_logarithms)],
 ]
 
 

@@ -204,6 +204,26 @@ def test_a_start_of_zero_probability_is_refused():
         run(ef.LogPosterior(model, term, PRIOR), nwalkers=16, starts=INSIDE)
 
 
+@pytest.mark.parametrize("far", [-1e30, -1e300])
+@pytest.mark.filterwarnings("always:posterior:UserWarning")
+def test_a_log_posterior_that_no_data_can_make_is_impossible_and_that_is_said_once(far):
+    """The search climbs and fits as if it were -inf: to the bit."""
+    prior = ef.IndependentPrior({name: stats.uniform(-5, 10) for name in "ab"})
+
+    def cut(low):
+        def log_density(x):
+            return np.where((np.abs(x) < 1).all(axis=1), -0.5 * (x**2).sum(axis=1), low)
+
+        return ef.LogPosterior.from_function(log_density, prior, vectorize=True)
+
+    with pytest.warns(UserWarning, match="impossible") as said:
+        found = ef.run(cut(far), steps=20, ensembles=2, seed=1)
+    assert len(said) == 1
+    exact = ef.run(cut(-np.inf), steps=20, ensembles=2, seed=1)
+    for one, other in zip(found, exact, strict=True):
+        assert_array_equal(one.get_chain(), other.get_chain())
+
+
 def test_few_lines_are_logged_however_many_solves_fail(caplog):
     def seldom(p):
         return noted(p) if p["k"] > 1 else [p["k"], 2.0]

@@ -7,6 +7,7 @@ import sqlite3
 import threading
 from contextlib import closing
 from copy import copy
+from dataclasses import replace
 
 import emcee
 import numpy as np
@@ -19,6 +20,7 @@ from support.stored import COUNT, DATA, KINDS, Gaussian, annealed, bits, posed, 
 from support.systems import inherits, posix
 
 import emcee_femu as ef
+from emcee_femu.search.settings import SETTINGS
 
 SLOW = pytest.mark.slow
 PROBE = 16  # stored points that are solved again, at most
@@ -102,7 +104,8 @@ def test_what_auto_found_is_not_sought_again(whole, path, monkeypatch):
     path.unlink()
     attempt("auto", path, stop=first // 2)
     # Another version of the package asks for other points.
-    monkeypatch.setattr("emcee_femu.search.auto.FEWEST_SEARCHED", 500)
+    settings = replace(SETTINGS, searched_share=0.1)
+    monkeypatch.setattr("emcee_femu.search.auto.SETTINGS", settings)
     with pytest.raises(ValueError, match="search.*run.chain"):
         sampled(path, moves="auto")
 

@@ -9,8 +9,9 @@ from support.runs import leave_out
 
 import emcee_femu as ef
 from emcee_femu.moves.mixture import Mixture
-from emcee_femu.search import auto
-from emcee_femu.search.adapt import carry
+from emcee_femu.search import auto, tails
+from emcee_femu.search.adapt import adapt, carry, judge
+from emcee_femu.search.climbing import climb
 from emcee_femu.search.explore import explore
 from emcee_femu.search.proposal import CARRIER, TAIL, Proposal
 from emcee_femu.search.tails import follow_tails
@@ -62,6 +63,26 @@ def test_draws_that_carry_a_variance_get_a_component():
     assert len(added) and (np.abs(added - [FAR, 0.0]) < 3.0).all(axis=1).any()
 
 
+def test_a_maximum_that_a_climb_found_is_not_lost():
+    """Of two equal Gaussians a proposal has one, and no draw of it meets the other."""
+    centres = np.array([[0.0, 0.0], [FAR, 0.0]])
+
+    def equal(x):
+        far = ((x[:, None] - centres) ** 2).sum(axis=2)
+        return np.logaddexp(*(-0.5 * far.T))
+
+    c = by_hand(free_posterior(equal, box(-40, 40, 2)))
+    for maximum in climb(c.evaluator, centres + 0.1):
+        c.maxima.add(maximum, 0)
+    c.proposal = about(centres[0], 2)
+    c.archive.add(*c.draw(c.proposal.core, 500), c.proposal.core)
+    adapt(c)
+    exact = np.log(4 * np.pi) - 2 * np.log(80.0)
+    assert abs(c.archive.log_evidence - exact) < 0.1  # of one alone -.69
+    log_q = c.proposal.law.log_density(centres)
+    assert np.abs(log_q + np.log(4 * np.pi)).max() < 0.5
+
+
 def test_a_variance_that_many_draws_carry_needs_no_component():
     """Though the proposal is too narrow for a Gaussian."""
     c = by_hand(free_posterior(lambda x: -0.2 * (x**2).sum(axis=1), box(-9, 9, 2)))
@@ -81,10 +102,21 @@ def test_tails_are_followed_to_both_sides_and_only_where_they_are():
     tails = c.proposal.core.means[c.proposal.kinds == TAIL]
     assert tails[:, 0].min() < -8 and tails[:, 0].max() > 8
     assert np.median(np.abs(tails[:, 1])) < 0.1 and np.abs(tails[:, 1]).max() < 2.0
-    assert len(c.tails) == len(tails)
 
 
-@pytest.mark.parametrize("without", [auto.follow_tails, auto.carry, auto.try_again])
+def test_what_is_in_a_slab_lies_on_the_way_to_it():
+    """Not beyond its highest point, which is at its inner edge."""
+    limits = box(-40, 40, 2)
+    c = by_hand(free_posterior(long_tail, limits))
+    slab = np.array([[5.0, 6.0], [-40.0, 40.0]])
+    (top,) = climb(c.evaluator, np.array([[5.5, 0.3]]), box=slab)
+    way = top.theta - [3.0, 0.0]
+    mean, matrix = tails._within(top, 0, limits.bounds, way, np.full(2, 2.0))
+    assert 3.0 < mean[0] < top.theta[0] < 5.01
+    assert matrix[0, 0] > way[0] ** 2 / 12
+
+
+@pytest.mark.parametrize("without", [auto.follow_tails, auto.carry, auto.anneal_starts])
 def test_an_ablation_is_a_tuple_without_a_stage(without, monkeypatch):
     posterior = free_posterior(long_tail, box(-60, 60, 2))
     whole = ef.run(posterior, steps=2, ensembles=2, seed=1).search
@@ -94,3 +126,16 @@ def test_an_ablation_is_a_tuple_without_a_stage(without, monkeypatch):
     assert without.__name__ not in found.spent
     assert (TAIL in found.kinds) == (without is not auto.follow_tails)
     assert np.isfinite(found.weights).all()
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_poor_mixture_is_fitted_anew_although_few_draws_weigh(seed):
+    """Five times too wide in six dimensions, as far from the top of a funnel."""
+    d = 6
+    density = free_posterior(lambda x: -0.5 * (x**2).sum(axis=1), box(-15, 15, d))
+    c = by_hand(density, seed=seed)
+    wide = Mixture(np.ones(1), np.zeros((1, d)), 25.0 * np.eye(d)[None], 8.0)
+    c.proposal = Proposal.fitted(wide)
+    adapt(c)
+    judge(c)
+    assert c.draft.efficiency > 0.6

@@ -296,3 +296,13 @@ def test_digits_that_a_solver_prints_make_no_maxima(gaussian):
     assert_allclose(np.sqrt(np.diag(maximum.covariance)), sd, rtol=0.05)
     assert (np.abs(maximum.theta - expected.theta) < 0.1 * sd).all()
     assert found.printed and not exact.printed
+
+
+def test_it_says_how_small_a_maximum_it_may_have_missed_by_climbs_of_the_prior():
+    """None of 3 n climbs ends at a maximum that draws one in n once in twenty times."""
+    posterior = ef.paper.mass_spring().posterior
+    said = [ef.find_map(posterior, n, seed=1).findings[1] for n in (1, 6, 12)]
+    assert "2" in said[1] and "4" in said[2] and said[0] not in said[1:]
+    given = posterior.prior.sample(np.random.default_rng(1), 6)
+    assert ef.find_map(posterior, given, seed=1).findings[1] == said[0]
+    assert 0.04 < (1 - 1 / 12) ** (3 * 12) < 0.05  # a twentieth

@@ -53,15 +53,13 @@ def assert_same(one, other):
 
 def leave_out(monkeypatch, *stages):
     """Let "auto" do without some of its stages: an ablation."""
-    for name in ("STAGES", "REFINEMENT"):
-        kept = tuple(s for s in getattr(auto, name) if s not in stages)
-        monkeypatch.setattr(auto, name, kept)
+    kept = tuple(stage for stage in auto.STAGES if stage not in stages)
+    monkeypatch.setattr(auto, "STAGES", kept)
 
 
 def shorten_search(monkeypatch):
     """Let "auto" take less care: starts that a valid sampler may well have."""
-    monkeypatch.setattr("emcee_femu.search.auto.FEWEST_SEARCHED", 400)
     monkeypatch.setattr("emcee_femu.search.auto.ROUND", 200)
     monkeypatch.setattr("emcee_femu.search.tails.TAIL_ROUNDS", 1)
-    settings = replace(SETTINGS, fruitless=2)
+    settings = replace(SETTINGS, fruitless=2, searched_share=0.08)
     monkeypatch.setattr("emcee_femu.search.auto.SETTINGS", settings)

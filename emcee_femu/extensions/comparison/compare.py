@@ -18,7 +18,7 @@ from ...sampling.record import Run
 from ...sampling.run import run
 from ...table import Column, Parts, Report, Table
 from ...verdict.burn_in import FEWEST_STEPS
-from ...verdict.verdict import Diagnosis
+from ...verdict.diagnosis import Diagnosis
 
 MOVE_LEAD = 2.0  # combined standard errors by which a winner must be ahead
 

@@ -13,7 +13,7 @@ from ...results.to_arviz import convert, judge_samples, pick_some, store_fit
 from ...search.importance import GOOD_K
 from ...search.record import Chains
 from ...table import Parts, Report, Table, number_columns
-from ...verdict.verdict import Statement
+from ...verdict.diagnosis import Statement
 
 # Efficiency above which weights are so equal that their tail is no matter.
 EQUAL_WEIGHTS = 0.9

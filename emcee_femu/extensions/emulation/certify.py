@@ -34,13 +34,8 @@ from ...results.to_arviz import check_sampled, read_samples
 from ...search.climbing import Maximum, climb
 from ...search.importance import GOOD_K, kish_share, smooth_tail
 from ...verdict.burn_in import FEWEST_STEPS
-from ...verdict.verdict import (
-    NOT_CONVERGED,
-    NOT_SEARCHED,
-    SEARCHED,
-    TOO_SHORT,
-    Statement,
-)
+from ...verdict.diagnosis import NOT_CONVERGED, NOT_SEARCHED, SEARCHED, Statement
+from ...verdict.verdict import TOO_SHORT
 from .certificate import EQUAL_WEIGHTS, Certificate
 from .emulated import SETTLED, EmulatedModel
 from .emulated_chain import (

@@ -20,7 +20,7 @@ from ...sampling.record import Run
 from ...sampling.run import run
 from ...search.importance import GOOD_K, kish_share, pareto_k
 from ...table import Column, Parts, Report, Table
-from ...verdict.verdict import Statement
+from ...verdict.diagnosis import Statement
 from .normal import (
     LEAST_DENSITY,
     Draws,

@@ -20,7 +20,7 @@ from ...results.measured import Measured
 from ...results.shapes import solve_shapes
 from ...results.tables import summarize
 from ...table import Column, Table, number_columns
-from ...verdict.verdict import CONVERGED, NOT_CONVERGED, Diagnosis
+from ...verdict.diagnosis import CONVERGED, NOT_CONVERGED, Diagnosis
 
 TELLING = 2  # mode shapes on the first page
 TRANSLATION = re.compile(r"(.+):u([xyz])")
