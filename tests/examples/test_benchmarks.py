@@ -249,3 +249,13 @@ def test_given_moves(capsys):
     found = load("benchmarks/given_moves").main(2, 300, ("two springs",), ("DE-MC",))
     assert found.column("converged") == [2] and found.column("wrong") == [0]
     assert found.column("solves")[0] < 15_000 and "DE-MC" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_one_call(capsys):
+    """The law of its page: what is certified is right, within the budget."""
+    load("benchmarks/one_call").main(1, 7, ("beck_au",), ("with derivatives",), (90,))
+    said = capsys.readouterr().out
+    (row,) = [line.split() for line in said.splitlines() if line.startswith("90 ")]
+    budget, calls, certified, wrong, *_ = map(int, row)
+    assert calls == 1 and certified <= 1 and wrong == 0

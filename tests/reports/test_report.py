@@ -183,6 +183,7 @@ def test_a_certificate_is_reported_with_its_verdict(off, short, write):
     assert ef.parameter_table(sealed.idata)._repr_html_() in page
 
 
+@pytest.mark.slow
 def test_populations_are_reported_with_their_tables(plain, write):
     annealed = ef.anneal(PLAIN, 200, seed=1)
     assert f"{annealed.solves:,} times" in said(write(annealed, posterior=PLAIN))
@@ -225,6 +226,7 @@ def trust(page):
     return re.findall('<p class="trust">(.*?)</p>', page, re.S)[0]
 
 
+@pytest.mark.slow
 def test_trust_is_said_in_one_plain_sentence_that_follows_the_diagnosis(plain, write):
     """Of one ensemble, of several that agree, of a wrong model, and of two maxima."""
     assert "runs agree" not in trust(write(plain))  # there is but one

@@ -106,6 +106,7 @@ def test_the_bounds_of_the_verdict(
     assert (" steps." in found.chains.sentence) == mended
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("d", "taus", "each", "largest"),
     [(1, 25, 0.7, 0.84), (5, 25, 0.71, 0.96), (5, 50, 0.83, 1.1)],

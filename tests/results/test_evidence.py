@@ -75,6 +75,7 @@ def test_independent_draws_of_a_known_ladder_give_its_evidence():
     assert 0.8 < errors[1] / alone < 1.6
 
 
+@pytest.mark.slow
 def test_the_error_is_the_spread_also_of_few_ensembles():
     """The larger of two errors would be 1.25 times too large with two ensembles."""
     found = [

@@ -421,6 +421,7 @@ def test_a_certificate_has_the_judgement_of_its_weighted_draws():
     assert named(found, "shape", "sensor") == "s6"
 
 
+@pytest.mark.slow
 def test_a_report_prints_the_numbers_of_the_tables_and_of_the_verdict(tmp_path):
     """Fault 12: one number for one thing."""
     laws = {"k": stats.lognorm(0.6)}

@@ -306,6 +306,7 @@ def test_steps_that_are_dropped_say_nothing_of_the_fit(good):
     assert ef.diagnose(idata, 448).fit.status == "fits"
 
 
+@pytest.mark.slow
 def test_an_error_that_surprises_does_not_fit_though_it_covers_all():
     prior = ef.IndependentPrior(
         {"k1": stats.norm(50, 0.1), "k2": stats.norm(10, 0.02)}
@@ -348,6 +349,7 @@ def test_a_term_that_is_outvoted_is_named_with_the_cure():
     assert ef.diagnose(fixed, 100).fit.status == "fits"
 
 
+@pytest.mark.slow
 def test_parameters_that_follow_other_units_leave_the_fit_in_doubt(tmp_path):
     """Frequencies in rad/s, which lognormal factors can follow; said before the run."""
     posterior, path = posterior_of(2 * np.pi * AT_MEAN, factors, FACTORS), tmp_path

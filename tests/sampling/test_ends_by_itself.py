@@ -66,6 +66,7 @@ def test_every_standard_deviation_is_known_then(ended, monkeypatch):
     assert ef.diagnose(longer).sd_error.max() <= errors.mean() < errors.max()
 
 
+@pytest.mark.slow
 def test_tails_are_as_well_known_as_the_centre_then():
     """Of a proposal that is too narrow: walkers wait in tails."""
     narrow = ef.IndependenceMove([1.0], [[0.0, 0.0]], [0.5 * np.eye(2)], 5.0)

@@ -121,6 +121,7 @@ def test_a_bar_or_lines_are_shown(terminal, asked, shown, monkeypatch, capsys):
         assert [int(count) for count in counts] == [*range(3, 31, 3)]
 
 
+@pytest.mark.slow
 def test_the_bar_of_a_run_that_ends_by_itself_ends_full(monkeypatch, capsys):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     made = ef.run(PROBLEM.posterior, seed=1)

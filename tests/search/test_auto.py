@@ -196,6 +196,7 @@ def skew_posterior():
     return ef.LogPosterior(Exponential(), term, prior)
 
 
+@pytest.mark.slow
 def test_climbs_and_chains_by_gradients_keep_to_few_solves():
     """A tuned trajectory alone would take more; climbs get where they go."""
     run = ef.run(skew_posterior(), solves=10_000, seed=3)
@@ -212,6 +213,7 @@ def test_climbs_from_the_prior_have_their_share_of_a_search_and_no_more():
     assert 0.5 <= 2 * search.from_prior / search.points < 0.6  # and a batch of climbs
 
 
+@pytest.mark.slow
 def test_a_chain_of_trajectories_keeps_to_its_solves():
     """A proposal of them takes 40."""
     move = ef.moves.HamiltonianMove(steps=40, step_size=0.1)

@@ -116,6 +116,7 @@ def test_what_is_in_a_slab_lies_on_the_way_to_it():
     assert matrix[0, 0] > way[0] ** 2 / 12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("without", [auto.follow_tails, auto.carry, auto.anneal_starts])
 def test_an_ablation_is_a_tuple_without_a_stage(without, monkeypatch):
     posterior = free_posterior(long_tail, box(-60, 60, 2))

@@ -125,6 +125,7 @@ def test_a_response_that_is_a_polynomial_is_found_exactly(inferred):
     assert surface(-others).max() == -np.inf
 
 
+@pytest.mark.slow
 def test_polynomials_have_more_points_than_terms():
     """Though draws are out of bounds."""
     prior = ef.IndependentPrior({"a": stats.lognorm(0.3), "b": stats.lognorm(0.4)})

@@ -121,6 +121,7 @@ def support(x):
     return np.sqrt(e) * np.array([3 + 2 * fixed, 9 + 1.5 * fixed**1.5, 17 + fixed])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("beam", "solves"), [({}, 12), pytest.param({"e": (0.5, 1.5)}, 22, marks=SLOW)]
 )
@@ -268,6 +269,7 @@ def test_a_sharp_posterior_is_reached_in_stages():
     assert (full - emulated.posterior(theta)[:, 0]).std() < 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("function", [np.log, pytest.param(np.array, marks=SLOW)])
 def test_logarithms_are_taken_where_they_leave_smaller_errors(function):
     """Of values and derivatives."""
@@ -308,6 +310,7 @@ def eleven():
     return ef.emulate(posterior, 11, **ALL), posterior.model
 
 
+@pytest.mark.slow
 def test_it_ends_once_two_true_errors_running_are_within_tolerance():
     """Waves that no few points can show: predicted errors would end it elsewhere."""
     history = ef.emulate(posed(rippled), 16, seed=1, tolerance=0.1).history
@@ -332,6 +335,7 @@ def test_no_tolerance_spends_all_solves_and_history_tells(eleven):
     assert_array_equal(again.posterior(theta), emulated.posterior(theta))
 
 
+@pytest.mark.slow
 def test_it_has_settled_if_errors_ended_within_tolerance_and_its_samples_say_so():
     """Not if its solves were spent before, whatever it predicts."""
     short, few = ef.emulate(posed(rippled), 16, seed=1), {"nwalkers": 8, "steps": 10}

@@ -213,6 +213,7 @@ def test_logarithms_of_eigenvalues_are_those_of_the_aligned_matrix():
     assert_allclose(np.sqrt(decoded) / (2 * np.pi), response["frequency"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("own_lengths", [False, True])
 def test_spread_is_the_scatter_of_sampled_outputs(own_lengths):
     # Second route: draw the outputs, decode each draw. Few points: much uncertainty.

@@ -157,6 +157,7 @@ def test_every_reader_leaves_it_out_and_says_so(stored, tmp_path):
     assert str(ef.diagnose(run)) == str(ef.diagnose(idata))
 
 
+@pytest.mark.slow
 def test_a_search_leaves_nothing_to_burn():
     runs = [ef.run(FAR, nwalkers=8, ensembles=1, seed=s, steps=30) for s in range(8)]
     assert any(find_burn_in(run[0].get_chain()[:, None]) for run in runs)  # by chance
