@@ -262,7 +262,7 @@ class FRFMeasurements(Report):
 
     @property
     def dofs(self) -> tuple[Hashable, ...]:
-        """The DOFs of all channels without repetition, as a model needs for ``shapes=``."""
+        """The DOFs of all channels, each once, as a model needs for ``shapes=``."""
         return tuple(dict.fromkeys(dof for channel in self.channels for dof in channel))
 
     def between(self, low: float, high: float) -> FRFMeasurements:
