@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csc_array, issparse, tril, triu
+from scipy.sparse import coo_array, csc_array, issparse, tril, triu
 
 from .. import checks
 from ..contracts import Derivatives, Floats, Parameters
@@ -133,7 +133,8 @@ def read_matrix(
     gap, largest = abs(matrix - matrix.T).max(), abs(matrix).max()
     if gap > ASYMMETRY * largest:
         cure = "if this is rounding, give 0.5 * (A + A.T)"
-        if not tril(matrix, -1).count_nonzero() or not triu(matrix, 1).count_nonzero():
+        entries = coo_array(matrix)
+        if not (tril(entries, -1).count_nonzero() and triu(entries, 1).count_nonzero()):
             cure = "is it one triangle? Add the other: A + A.T, with the diagonal once"
         raise ValueError(
             f"{argument}: expected a symmetric matrix, but entries differ from the "
