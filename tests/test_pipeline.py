@@ -70,7 +70,7 @@ def test_mass_spring_agrees_with_importance_sampling():
     for power, exact in ((1, 0.0), (2, 1.0)):
         each = (z**power).mean(axis=1)  # (ensembles, d)
         error = np.hypot(each.std(axis=0, ddof=1) / np.sqrt(8), 4 / np.sqrt(kish))
-        assert error.max() < 0.1 and np.median(error) < 0.04
+        assert error.max() < 0.1 and np.median(error) < 0.05
         assert np.abs((each.mean(axis=0) - exact) / error).max() < 4.5
 
 

