@@ -36,7 +36,8 @@ Values = TypeVar("Values", Floats, NDArray[np.complex128])
 # An inferred error of zero, where a search may stand on the bound of a prior: its
 # likelihood overflows to zero, and is not undefined.
 LEAST_SD = 1e-160
-SAME_SD = 1e-9  # relative, by which equal standard deviations may differ
+# Share of a standard deviation by which equal ones, or equal deviations, may differ.
+SAME_SD = 1e-9
 # What to advise for an inferred relative error. A half-normal has density at zero,
 # where the likelihood has a spike if the parameters fit all data; the long tail of
 # lognorm(1, scale=0.005) leaves standard deviations unknown where data are few.
@@ -45,8 +46,14 @@ MOST_RELATIVE = 0.5  # of a standard deviation; more is one in percent
 RESPONSE_STEP = 6e-6  # relative change of a response, where no solve adds noise
 # What a callable may declare, besides deviations and restore (contracts.py).
 DECLARED = (
-    *("names", "bounds", "reads", "observed", "error_sd"),
-    *("statement", "formula", "symbol"),
+    "names",
+    "bounds",
+    "reads",
+    "observed",
+    "error_sd",
+    "statement",
+    "formula",
+    "symbol",
 )
 MODEL_ERROR = "σ<sub>d</sub>"  # as reports write the error that a discrepancy infers
 
@@ -286,7 +293,8 @@ class FunctionTerm(Term):
         u, (r, sd) = stored[name], self._deviations(parameters, stored)
         there = u.shape == (len(r), *np.shape(measured)) and u.size == r.size
         differences = (u - measured).reshape(len(r), -1) if there else np.nan
-        if not np.allclose(np.abs(r), np.abs(differences)):
+        # To a share of the error, since units may make all of these numbers tiny.
+        if not (np.abs(np.abs(r) - np.abs(differences)) <= SAME_SD * sd).all():
             return {}
         noise = sd * rng.standard_normal(r.shape)
         return {name: u + noise.reshape(u.shape)}

@@ -59,7 +59,7 @@ class _Replicates(NamedTuple):
     Attributes:
         inside: How many values are inside 95 % of them.
         total: How many values there are.
-        names: Their variables, in one string.
+        names: Their variables.
         far: The variables with values that are too far out, each with its farthest.
         units: Doubts about their units.
         wrong: Whether a value is off by a factor that no model's error explains.
@@ -101,7 +101,7 @@ def judge_fit(
     missed = [*about.surprising, *new.far]
     off = [r for r in judged if r.status in OFF]
     suspects = [r for r in judged if r.status == SUSPECT]
-    fitting = () if missed or off else _name_fits(judged, new.names)
+    fitting = () if missed or off else _name_fits(judged, drawn)
     said = *_count(new), *_name_misfits(judged, missed), *fitting
     sentence = "; ".join(said) + "."
     pressed, swapped = about.find_pressed(), [*_find_swaps(chains)]
@@ -213,11 +213,13 @@ def _name_misfits(
             yield f"{r.experiment} has a chi^2 of {r.chi2:.3g} on {r.size:.3g}"
 
 
-def _name_fits(records: Sequence[FitRecord], drawn: str) -> Iterator[str]:
+def _name_fits(
+    records: Sequence[FitRecord], drawn: Sequence[Measured]
+) -> Iterator[str]:
     """Describe the terms that fit, of which no new measurement is drawn."""
     fitting = [r for r in records if r.kind == TERM and r.status == FITS]
-    names = [*filter(None, drawn.split(", "))]
-    for record in [r for r in fitting if r.variable not in names]:
+    counted = {part.variable for part in drawn}
+    for record in [r for r in fitting if r.variable not in counted]:
         yield f"{_full_name(record)} {_compare_chi2(record)}"
 
 

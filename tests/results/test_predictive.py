@@ -198,6 +198,8 @@ def own(kind):
             return -r, sd
         if kind in ("relative", "restored"):
             return r / MEASURED, sd / MEASURED
+        if kind == "doubled":
+            return 2 * r, 2 * sd
         return r, sd
 
     def term(parameters, response):
@@ -224,6 +226,20 @@ def test_new_measurements_of_a_users_term_are_the_models_values_with_its_errors(
     assert_allclose(noise.mean(axis=0) / ERRORS, 0, rtol=0, atol=0.03)
     assert_allclose(noise.std(axis=0), ERRORS, rtol=0.02)
     assert abs(np.corrcoef(noise[:, 0], f[:, 0])[0, 1]) < 0.03
+
+
+@pytest.mark.parametrize("small", [1.0, 1e-12])
+def test_units_do_not_decide_whether_deviations_are_plain_differences(small):
+    term = ef.LogPosterior(
+        ef.FunctionModel(lambda p: MEASURED, n_modes=3), own("doubled"), PRIOR_OF_A
+    ).terms[0]
+    term.observed = {"frequency": small * np.array(MEASURED)}
+    kept = term._deviations
+    term._deviations = lambda p, r: [
+        small * x for x in kept(p, ef.contracts.Stored(frequency=r.frequency / small))
+    ]
+    stored = ef.contracts.Stored(frequency=small * (np.array(MEASURED)[None] + 0.1))
+    assert not term.replicate(np.random.default_rng(1), {"a": np.ones(1)}, stored)
 
 
 @pytest.mark.parametrize("kind", ["relative", "no Gaussian"])
