@@ -16,8 +16,8 @@ from scipy.special import logsumexp, softmax
 from ... import checks
 from ...contracts import Floats
 from ...evaluation.evaluator import Evaluation
+from ...evaluation.progress import check_progress, progress_bar
 from ...evaluation.resume import open_evaluator
-from ...evaluation.samplers import check_progress, progress_bar
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import (
     InferenceData,
