@@ -197,3 +197,8 @@ def draw_png(figure: Figure) -> bytes:
     figure.savefig(file, format="png", dpi=160, facecolor="white")
     plt.close(figure)
     return file.getvalue()
+
+
+def show_mac(value: float, digits: int = 2) -> str:
+    """Return a MAC as 1.00 or .98."""
+    return f"{value:.{digits}f}".removeprefix("0")
