@@ -6,8 +6,9 @@ cannot read structured blobs, so the groups are built here.
 
 import json
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property, partial
 from importlib.metadata import version
 from typing import Any
 
@@ -19,11 +20,12 @@ from .. import checks
 from ..contracts import Floats, Places, Variable
 from ..likelihoods.residuals import FitRecord
 from ..posterior.compatibility import RESERVED
-from ..posterior.log_posterior import LogPosterior
+from ..posterior.log_posterior import LOG_PRIOR, LogPosterior
 from ..posterior.priors import KnownPrior, prior_centre, summarize_prior
 from ..search.record import Chains
 from .arviz_objects import (
     Dataset,
+    Groups,
     InferenceData,
     groups,
     is_arviz,
@@ -33,7 +35,14 @@ from .arviz_objects import (
 )
 from .chains import STORED, TOLD, read_chains
 from .fit import SOLVED_AGAIN, judge_data, write_records
-from .measured import ONE_NUMBER, Labelled, gather_by_terms, gather_observed
+from .measured import (
+    ONE_NUMBER,
+    Labelled,
+    gather_likelihoods,
+    gather_measurements,
+    gather_observed,
+    side_by_side,
+)
 
 FIT = "fit"  # attribute of the posterior group
 # Samples whose log-posterior is lower than the best one's by d and this have not
@@ -156,10 +165,12 @@ def to_inference_data(
                 "source: a LogPosterior has no samples yet; give a run, or leave out "
                 "posterior, discard, thin, names and term"
             )
-        data, posterior = wrap(_fixed_groups(source, {}, source.initial)), source
+        data = wrap(Groups(_fixed_groups(source, {}, source.initial)))
+        posterior = source
     elif names is None:
         told = "source", term, True
-        data, posterior = read_samples(source, posterior, discard, thin, *told)
+        read, posterior = read_samples(source, posterior, discard, thin, *told)
+        data = wrap(read) if isinstance(read, Groups) else read
     else:
         chains = read_chains(source, posterior, discard, thin, blobs=True)
         names = checks.parameter_names("names", names)
@@ -167,13 +178,13 @@ def to_inference_data(
             raise ValueError(f"names: {list(chains.names)} are known; leave it out")
         if len(names) != (d := len(chains.names)):
             raise ValueError(f"names: expected one for each of {d} parameters")
-        data = convert(replace(chains, names=names), thin, term)
+        data = wrap(convert(replace(chains, names=names), thin, term))
     if not count:
         return data
     posterior = checks.instance("posterior", posterior, LogPosterior)
     theta = posterior.prior.sample(np.random.default_rng(0), PRIOR_STORED)[:count]
     rows = posterior(theta)[:, None, None]
-    new = gather_by_terms(posterior, theta[:, None, None], rows)["new_measurement"]
+    new = gather_measurements(posterior, theta[:, None, None], rows)
     if not new:
         raise ValueError(
             "prior_predictive: no likelihood term draws new measurements, as of a bare "
@@ -193,17 +204,24 @@ def read_samples(
 ) -> tuple[InferenceData, LogPosterior | None]:
     """Return the ArviZ object of any source of samples, and its posterior if known.
 
-    All tables and figures read samples through it. If ``judged``, what samples say of
-    the data is stored too.
+    All tables and figures read samples through it. Of chains each group is made when
+    it is asked for. If ``judged``, what samples say of the data is stored too, and all
+    groups are made.
     """
     if not is_arviz(source := samples_of(source)):
-        chains = read_chains(
-            source, posterior, discard, thin, blobs=True, argument=argument
+        read = partial(
+            read_chains, source, posterior, discard, blobs=True, argument=argument
         )
-        data = convert(chains, thin, term)
-        if judged and chains.posterior is not None:
-            data = store_fit(data, judge_samples(chains))
-        return data, chains.posterior
+        if judged:
+            chains = read(thin)
+            data = convert(chains, thin, term)
+            if chains.posterior is not None:
+                return store_fit(data, judge_samples(chains)), chains.posterior
+            return wrap(data), None
+        chains = read(thin, blobs=False)
+        if chains.posterior is not None:  # of another one the blobs differ
+            _rows(read(thin * len(chains.draws)), chains.posterior)
+        return convert(chains, thin, term, partial(read, thin)), chains.posterior
     if (discard or 0, thin, term) != (0, 1, None):
         raise ValueError(
             "discard, thin, term: expected 0, 1 and None for an ArviZ object, got "
@@ -225,56 +243,137 @@ def check_sampled(posterior: LogPosterior, names: Sequence[str]) -> None:
         )
 
 
-def convert(chains: Chains, thin: int = 1, term: str | None = None) -> InferenceData:
-    """Return the ArviZ object of chains, or of what was measured for one term."""
-    draws, posterior = chains.draws, chains.posterior
-    if term is not None:
-        checks.instance("posterior", posterior, LogPosterior)
-    units = posterior.units if posterior else {}
-    parts: dict[str, dict[str, Labelled]] = {
-        "posterior": _by_parameter(chains.names, draws, units),
-        "sample_stats": {"lp": Labelled(chains.log_prob, ONE_NUMBER)},
+def convert(
+    chains: Chains,
+    thin: int = 1,
+    term: str | None = None,
+    whole: Callable[[], Chains] | None = None,
+) -> Groups:
+    """Return the groups of chains, or of what was measured for one term.
+
+    Args:
+        chains: The chains, with their blobs or without.
+        thin: By what they were thinned.
+        term: The label of the term.
+        whole: What returns them with their blobs, which are read only if a group needs
+            them; None where ``chains`` have them.
+    """
+    made = _Conversion(chains, thin, term, whole or (lambda: chains))
+    of_any = {"posterior": made.posterior, "sample_stats": made.sample_stats}
+    if chains.posterior is None:
+        if term is not None:
+            checks.instance("posterior", None, LogPosterior)
+        return Groups(of_any | {"blobs": made.blobs})
+    makers = of_any | {
+        "log_prior": made.log_prior,
+        "response": made.response,
+        "log_likelihood": made.log_likelihood,
+        "new_measurement": lambda: made.new_measurement,
+        "posterior_predictive": made.posterior_predictive,
     }
-    attributes = {
-        "discard": chains.discard,
-        "thin": thin,
-        "inference_library": "emcee",
-        "inference_library_version": emcee.__version__,
-        "emcee_femu_version": version("emcee-femu"),
-        "numpy_version": np.__version__,
-    }
-    fixed: dict[str, Dataset] = {}
-    if posterior is not None:
-        rows = _rows(chains, posterior)
-        parts["sample_stats"]["log_prior"] = Labelled(rows[..., 1], ONE_NUMBER)
-        if isinstance(posterior.prior, KnownPrior):
-            densities = posterior.prior.logpdfs(draws.reshape(-1, posterior.ndim))
-            densities = densities.reshape(draws.shape)
-            parts["log_prior"] = _by_parameter(chains.names, densities, {})
-        parts["response"] = {
-            name: Labelled(value, posterior.variables[name])
-            for name, value in posterior.unfold(rows).items()
+    initial = chains.posterior.initial if chains.initial is None else chains.initial
+    fixed = _fixed_groups(chains.posterior, made.attributes, initial)
+    return Groups(makers | fixed)
+
+
+class _Conversion:
+    """Each group of the ArviZ object of some chains; see :func:`convert`."""
+
+    def __init__(
+        self,
+        chains: Chains,
+        thin: int,
+        term: str | None,
+        whole: Callable[[], Chains],
+    ) -> None:
+        self.chains, self.term, self.whole = chains, term, whole
+        self.attributes = {
+            "discard": chains.discard,
+            "thin": thin,
+            "inference_library": "emcee",
+            "inference_library_version": emcee.__version__,
+            "emcee_femu_version": version("emcee-femu"),
+            "numpy_version": np.__version__,
         }
-        parts |= gather_by_terms(posterior, draws, rows, term)
-        initial = posterior.initial if chains.initial is None else chains.initial
-        fixed = _fixed_groups(posterior, attributes, initial)
-    elif chains.blobs is not None:
-        parts["blobs"] = _name_blobs(chains.blobs)
-    steps, ensembles, walkers, _ = draws.shape
-    coords = {
-        "step": ("draw", chains.discard + thin * (1 + np.arange(steps)) - 1),
-        "ensemble": ("chain", np.repeat(np.arange(ensembles), walkers)),
-        "walker": ("chain", np.tile(np.arange(walkers), ensembles)),
-    }
-    there = [(name, part) for name, part in parts.items() if part]
-    datasets = {name: _dataset(part, attributes, coords) for name, part in there}
-    if "new_measurement" in datasets:
-        new = datasets["new_measurement"]  # all, where ArviZ weighs every draw
-        datasets["posterior_predictive"] = pick_some(new) if term is None else new
-    datasets["posterior"].attrs |= _attributes_of(chains)
-    if posterior is not None:
-        datasets["posterior"].attrs |= posterior.notes or {}
-    return wrap(datasets | fixed)
+        steps, ensembles, walkers, _ = chains.draws.shape
+        self.coords = {
+            "step": ("draw", chains.discard + thin * (1 + np.arange(steps)) - 1),
+            "ensemble": ("chain", np.repeat(np.arange(ensembles), walkers)),
+            "walker": ("chain", np.tile(np.arange(walkers), ensembles)),
+        }
+
+    @property
+    def sampled(self) -> LogPosterior:
+        """What was sampled, which is known."""
+        assert self.chains.posterior is not None
+        return self.chains.posterior
+
+    @cached_property
+    def rows(self) -> Floats:
+        """What the posterior returned, ``(steps, ensembles, walkers, columns)``."""
+        return _rows(self.whole(), self.sampled)
+
+    @property
+    def at(self) -> tuple[LogPosterior, Floats, Floats, str | None]:
+        """Posterior, draws, rows and the one term, as terms are asked."""
+        return self.sampled, self.chains.draws, self.rows, self.term
+
+    def group(self, parts: Mapping[str, Labelled]) -> Dataset | None:
+        return _dataset(parts, self.attributes, self.coords) if parts else None
+
+    def posterior(self) -> Dataset:
+        chains, sampled = self.chains, self.chains.posterior
+        units = sampled.units if sampled else {}
+        by_name = _by_parameter(chains.names, chains.draws, units)
+        made = _dataset(by_name, self.attributes, self.coords)
+        noted = sampled.notes if sampled else None
+        return made.assign_attrs(_attributes_of(chains) | dict(noted or {}))
+
+    def sample_stats(self) -> Dataset | None:
+        parts = {"lp": Labelled(self.chains.log_prob, ONE_NUMBER)}
+        if self.chains.posterior is not None:
+            parts["log_prior"] = Labelled(self.rows[..., LOG_PRIOR], ONE_NUMBER)
+        return self.group(parts)
+
+    def blobs(self) -> Dataset | None:
+        blobs = self.whole().blobs
+        return None if blobs is None else self.group(_name_blobs(blobs))
+
+    def log_prior(self) -> Dataset | None:
+        prior, draws = self.sampled.prior, self.chains.draws
+        if not isinstance(prior, KnownPrior):
+            return None
+        densities = prior.logpdfs(draws.reshape(-1, draws.shape[-1]))
+        by_name = _by_parameter(prior.names, densities.reshape(draws.shape), {})
+        return self.group(by_name)
+
+    def response(self) -> Dataset | None:
+        values = self.sampled.unfold(self.rows)
+        variables = self.sampled.variables
+        return self.group({n: Labelled(v, variables[n]) for n, v in values.items()})
+
+    def log_likelihood(self) -> Dataset | None:
+        parts = gather_likelihoods(*self.at)
+        if self.term is not None:
+            drawn = gather_measurements(*self.at)
+            both = [*parts.values(), *drawn.values()]
+            if len(both) != 2 or both[0].values.shape != both[1].values.shape:
+                raise ValueError(
+                    f"term: expected one of {list(self.sampled.term_names)} whose "
+                    f"data are independent, got {self.term!r}"
+                )
+            parts = dict.fromkeys(drawn, both[0])
+        if len(parts) > 1:  # ArviZ takes one variable
+            parts = {"data": side_by_side(parts, self.chains.draws.ndim - 1)}
+        return self.group(parts)
+
+    @cached_property
+    def new_measurement(self) -> Dataset | None:
+        return self.group(gather_measurements(*self.at))
+
+    def posterior_predictive(self) -> Dataset | None:
+        new = self.new_measurement  # all, where ArviZ weighs every draw
+        return new if new is None or self.term is not None else pick_some(new)
 
 
 def store_fit(data: InferenceData, records: Sequence[FitRecord]) -> InferenceData:
@@ -416,32 +515,37 @@ def _attributes_of(chains: Chains) -> dict[str, object]:
 
 def _fixed_groups(
     posterior: LogPosterior, attributes: Mapping[str, object], initial: Floats
-) -> dict[str, Dataset]:
-    """Return the groups of prior draws, measurements and constants."""
+) -> dict[str, Callable[[], Dataset | None]]:
+    """Return what makes the groups of prior draws, measurements and constants."""
     prior = posterior.prior
-    mean, sd = summarize_prior(prior)
-    by_parameter: dict[str, Any] = {
-        "lower": prior.bounds[:, 0],
-        "upper": prior.bounds[:, 1],
-        "initial": prior_centre(prior),
-        "prior_mean": mean,
-        "prior_sd": sd,
-        "is_error": np.isin(posterior.names, posterior.error_names),
-    }
-    parameter = Variable({"parameter": list(posterior.names)})
-    constants = {name: Labelled(v, parameter) for name, v in by_parameter.items()} | {
-        f"initial_{name}": Labelled(value, posterior.variables[name])
-        for name, value in posterior.unfold(initial).items()
-    }
-    draws = prior.sample(np.random.default_rng(0), PRIOR_STORED)[:, None, None]
-    drawn = _by_parameter(posterior.names, draws, posterior.units)
-    fixed = {
-        "prior": _dataset(drawn, attributes, {}),
-        "constant_data": _dataset(constants, attributes),
-    }
-    if observed := gather_observed(posterior):
-        fixed["observed_data"] = _dataset(observed, attributes)
-    return fixed
+
+    def draws() -> Dataset:
+        drawn = prior.sample(np.random.default_rng(0), PRIOR_STORED)[:, None, None]
+        by_name = _by_parameter(posterior.names, drawn, posterior.units)
+        return _dataset(by_name, attributes, {})
+
+    def constants() -> Dataset:
+        mean, sd = summarize_prior(prior)
+        by_parameter: dict[str, Any] = {
+            "lower": prior.bounds[:, 0],
+            "upper": prior.bounds[:, 1],
+            "initial": prior_centre(prior),
+            "prior_mean": mean,
+            "prior_sd": sd,
+            "is_error": np.isin(posterior.names, posterior.error_names),
+        }
+        parameter = Variable({"parameter": list(posterior.names)})
+        held = {name: Labelled(v, parameter) for name, v in by_parameter.items()} | {
+            f"initial_{name}": Labelled(value, posterior.variables[name])
+            for name, value in posterior.unfold(initial).items()
+        }
+        return _dataset(held, attributes)
+
+    def observed() -> Dataset | None:
+        measured = gather_observed(posterior)
+        return _dataset(measured, attributes) if measured else None
+
+    return {"prior": draws, "constant_data": constants, "observed_data": observed}
 
 
 def name_apart(
