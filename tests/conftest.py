@@ -38,7 +38,7 @@ def path(tmp_path):
     return tmp_path / "run.chain"
 
 
-# Doctests that take many seconds; what they show is a law of tests/population.
+# Doctests of many seconds; what they show is a law of tests/extensions/population.
 SLOW_EXAMPLES = {"pool_tests.pool_tests", "figure.plot_population"}
 
 

@@ -15,7 +15,7 @@ from ..measurements.directions import along_axis
 from ..table import Parts, Report
 from .coefficients import Product, Unit
 from .geometry import Geometry
-from .inputs import Matrix, read_matrix
+from .matrices import Matrix, read_matrix
 
 DOF_DIRECTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")  # 1 to 6 in FE programs
 DOF_WORDS = (*DOF_DIRECTIONS, "x", "y", "z", "rotx", "roty", "rotz")

@@ -28,7 +28,7 @@ from .eigen_sparse import DenseProblem, SparseEigenproblem, SparseSum
 from .exports import Export, Matrices, fit_polynomials
 from .factorization import factor_definite
 from .geometry import Geometry
-from .inputs import Matrix, read_matrix, refuse_empty, warn_of_uncoupled
+from .matrices import Matrix, read_matrix, refuse_empty, warn_of_uncoupled
 from .sensors import Dofs, choose_sensors
 
 

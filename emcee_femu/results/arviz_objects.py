@@ -17,6 +17,12 @@ from ..verdict.statistics import load_arviz
 InferenceData: TypeAlias = Any  # before version 1 its own class, since then a DataTree
 Dataset: TypeAlias = Any  # xarray's
 
+# Attributes of the posterior group that any extension may set. The note stands in the
+# titles of tables and figures. The group that is named judges the samples as a whole by
+# its attributes: `verdict`, a sentence; `refused`; `search` and `evidence` as JSON.
+NOTE = "note"
+JUDGED_IN = "judged_in"
+BEFORE = "certificate"  # both, in objects of version 0.5
 # Groups whose draws may have weights.
 SAMPLED = {"posterior", "sample_stats", "log_likelihood", "response", "new_measurement"}
 FEWEST_RESAMPLED, COPIES = 4_000, 40
@@ -28,19 +34,18 @@ def is_arviz(source: object) -> bool:
 
 
 def samples_of(source: object) -> object:
-    """Return the samples that a result holds, as a certificate does, or the source."""
+    """Return the samples that a result holds as ``idata``, or else the source."""
     held = getattr(source, "idata", None)
     return held if is_arviz(held) else source
 
 
-def certificate_of(source: object) -> Mapping[str, Any]:
-    """Return what :func:`certify` stored with samples; empty where it stored nothing.
-
-    The verdict in a sentence, ``refused``, and the log evidence if it is known.
-    """
+def judgement_of(source: object) -> Mapping[str, Any]:
+    """Return how samples were judged as a whole by what made them, empty if not."""
     held: InferenceData = samples_of(source)
-    there = is_arviz(held) and "certificate" in held
-    return _group(held, "certificate").attrs if there else {}
+    if not is_arviz(held) or "posterior" not in held:
+        return {}
+    name = _group(held, "posterior").attrs.get(JUDGED_IN, BEFORE)
+    return _group(held, name).attrs if name in held else {}
 
 
 def wrap(datasets: Mapping[str, Dataset]) -> InferenceData:
@@ -56,8 +61,7 @@ def wrap(datasets: Mapping[str, Dataset]) -> InferenceData:
 def dataset(idata: InferenceData, group: str) -> Dataset:
     """Return a group as an xarray Dataset, for any version of ArviZ.
 
-    Weighted draws, which :func:`certify` makes, are repeated as their weights say:
-    what reads a group here shows the corrected posterior.
+    Weighted draws are repeated as often as their weights say.
 
     Raises:
         TypeError: If idata is not what :func:`to_inference_data` returns.
@@ -109,10 +113,15 @@ def groups(idata: InferenceData) -> dict[str, Dataset]:
     return {name: _group(idata, name) for name in idata}
 
 
-def describe_certificate(idata: InferenceData) -> str:
-    """Return the verdict of :func:`certify` for a title; empty if there is none."""
-    text = dataset(idata, "posterior").attrs.get("certificate", "")
-    return f" ({text})" if text else ""
+def note_of(idata: InferenceData) -> str:
+    """Return what is noted of the samples, for a title; empty if nothing is."""
+    attributes = dataset(idata, "posterior").attrs
+    return str(attributes.get(NOTE, attributes.get(BEFORE, "")))
+
+
+def in_brackets(note: str) -> str:
+    """Return what follows a title."""
+    return f" ({note})" if note else ""
 
 
 def _group(idata: InferenceData, group: str) -> Dataset:
@@ -121,7 +130,7 @@ def _group(idata: InferenceData, group: str) -> Dataset:
 
 
 def is_weighted(idata: InferenceData) -> bool:
-    """Return whether the draws have weights, as :func:`certify` gives them."""
+    """Return whether the draws have weights."""
     # Draws from elsewhere may lack the group.
     return "sample_stats" in idata and "weight" in _group(idata, "sample_stats")
 

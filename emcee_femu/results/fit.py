@@ -85,7 +85,7 @@ def judge_data(
         rows: Their rows, ``(n, columns)``.
         initial: The row at the prior mean.
         weights: Of the samples, if these are not equal, ``(n,)``; then no sensor is
-            suspected, because a certificate's solves are counted.
+            suspected, for that takes solves which are not counted.
         solves: How many samples may be solved.
     """
     rng, order = np.random.default_rng(0), np.arange(len(theta))

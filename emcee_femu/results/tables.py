@@ -13,7 +13,8 @@ from ..posterior.log_posterior import LogPosterior
 from ..table import Column, Table, number_columns
 from .arviz_objects import (
     dataset,
-    describe_certificate,
+    in_brackets,
+    note_of,
     prior_constants,
     samples,
     unit_of,
@@ -136,7 +137,7 @@ def parameter_table(
     if not known.any():
         unknown |= {*OF_PRIOR}
     columns = [c for c in columns if c[0] not in unknown] + others
-    title = f"Updating parameters{describe_certificate(idata)}"
+    title = f"Updating parameters{in_brackets(note_of(idata))}"
     near = (np.abs(draws - mean) < NEAR_MEAN * sd).mean(axis=0)
     # Constant samples, of which none is nearer than 0, are no clouds.
     between = ", ".join(np.array(names)[(near < FEW_NEAR) & (sd > 0)])
@@ -196,7 +197,7 @@ def frequency_table(
             raise ValueError(f"published: name one of the experiments {tests} as well")
         given = posterior if asked else None
         tables = {name: frequency_table(idata, given, None, name) for name in tests}
-        title = f"Natural frequencies{describe_certificate(idata)}"
+        title = f"Natural frequencies{in_brackets(note_of(idata))}"
         return Table.stack(title, tables)
     frequency = measured_frequencies(idata, experiment)
     measured, draws = frequency.values, frequency.predicted
@@ -234,7 +235,7 @@ def frequency_table(
         padded = np.append(column, [np.nan] * (m + 1 - len(column)))
         columns.append((title, ".5g", padded))
     words = f" of {experiment!r}" if experiment else ""
-    words += describe_certificate(idata)
+    words += in_brackets(note_of(idata))
     return Table.from_columns(f"Natural frequencies{words}", columns)
 
 
@@ -317,7 +318,7 @@ def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Ta
     mac = np.concatenate([_summarize_mac(part) for part in parts], axis=1)
     if np.isfinite(mac).any():
         columns += [("MAC", ".3f", mac[0]), ("MAC 5 %", ".3f", mac[1])]
-    what += describe_certificate(idata)
+    what += in_brackets(note_of(idata))
     return Table.from_columns(f"Predictions, 95 % intervals of {what}", columns)
 
 
@@ -364,7 +365,7 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
     tests = find_experiments(response, "mac")
     if experiment is None and tests:
         tables = {name: pairing_table(idata, name) for name in tests}
-        title = f"Pairing with the model's modes{describe_certificate(idata)}"
+        title = f"Pairing with the model's modes{in_brackets(note_of(idata))}"
         return Table.stack(title, tables)
     names = [f"{experiment}.{v}" if experiment else v for v in ("mac", "model_mode")]
     if not set(names) <= set(response.data_vars):
@@ -398,7 +399,7 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
     words = f" of {experiment!r}" if experiment else ""
     title = (
         f"Pairing with the model's modes{words}: their order changed in "
-        f"{100 * changed.mean():.3g} % of {n} samples{describe_certificate(idata)}"
+        f"{100 * changed.mean():.3g} % of {n} samples{in_brackets(note_of(idata))}"
     )
     return Table.from_columns(title, columns)
 

@@ -102,8 +102,8 @@ def to_inference_data(
     Args:
         source: The result of :func:`run`, any EnsembleSampler, a backend, or the name
             of a run's file; or the result of :func:`anneal`, whose members become one
-            chain. An ArviZ object, and that of a certificate, is returned unchanged. A
-            LogPosterior has no samples yet, and gives the groups ``prior``,
+            chain. An ArviZ object, also one that a result holds, is returned as it is.
+            A LogPosterior has no samples yet, and gives the groups ``prior``,
             ``prior_predictive``, ``observed_data`` and ``constant_data``.
         posterior: The sampled posterior, if the source does not hold it.
         discard: Number of stored steps to drop as burn-in. None for those that a run
@@ -291,7 +291,7 @@ def judge_samples(
 
     Args:
         chains: With their blobs.
-        weights: Of the draws of a certificate, ``(n,)``.
+        weights: Of the draws, ``(n,)``; None where all are equal.
         solves: How many samples may be solved again.
     """
     if (posterior := chains.posterior) is None:

@@ -51,7 +51,7 @@ class Chains:
         posterior: What was sampled, None where it is not known.
         search: What "auto" found, None if it did not run.
         betas: Powers of the likelihood of the blocks of walkers; one if untempered.
-        kind: "chain", "population" (annealed), or "weighted" (draws of a certificate).
+        kind: "chain", "population" (annealed), or "weighted" (draws with weights).
         moves: In words.
         seed: In words.
         origin: How the chain began, in words.

@@ -7,7 +7,14 @@ import numpy as np
 
 from ...contracts import Floats, Reported
 from ...posterior.log_posterior import LogPosterior
-from ...results.arviz_objects import InferenceData, groups, unit_of, wrap
+from ...results.arviz_objects import (
+    JUDGED_IN,
+    NOTE,
+    InferenceData,
+    groups,
+    unit_of,
+    wrap,
+)
 from ...results.evidence import Evidence
 from ...results.to_arviz import convert, judge_samples, pick_some, store_fit
 from ...search.importance import GOOD_K
@@ -24,6 +31,7 @@ SURE = 2.0  # standard errors added to differences, against chance in few draws
 MISSED_SHARE = 0.01  # share of the posterior that may be missing
 FOUND = 0.25  # share of a maximum's weight below which the draws miss it
 CERTIFIED, CORRECTED, REFUSED = "certified", "corrected", "refused"
+GROUP = "certificate"  # of the ArviZ object
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -280,7 +288,8 @@ class Certificate(Report):
                 sealed["posterior_predictive"] = pick_some(
                     sealed["new_measurement"], self.weights[possible]
                 )
-        sealed["posterior"] = sealed["posterior"].assign_attrs(certificate=text)
+        noted = {NOTE: text, JUDGED_IN: GROUP}
+        sealed["posterior"] = sealed["posterior"].assign_attrs(noted)
         told = {
             "verdict": self.verdict,
             "refused": int(self.short == REFUSED),  # netCDF has no truth values
@@ -291,7 +300,7 @@ class Certificate(Report):
             held = found.log_evidence, found.log_evidence_error, found.method
             rest = found.problems, found.failed_solves, found.log_box
             told["evidence"] = json.dumps([*held, *rest])
-        sealed["certificate"] = xarray.Dataset(
+        sealed[GROUP] = xarray.Dataset(
             {
                 "theta": (("solve", "parameter"), self.theta),
                 "weight": ("solve", self.weights),

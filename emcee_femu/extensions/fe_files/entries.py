@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csc_array
 
 from ...contracts import Floats
-from ...models.inputs import read_matrix
+from ...models.matrices import read_matrix
 
 EMPTY = 1_000  # rows per entry; no matrix of a structure is as empty
 AGAIN = "let the program export it again"

@@ -10,7 +10,7 @@ from scipy.sparse import csc_array
 from ... import checks
 from ...models.exports import Matrices as Matrices
 from ...models.exports import write_name
-from ...models.inputs import warn_of_uncoupled
+from ...models.matrices import warn_of_uncoupled
 from .entries import AGAIN, Part
 from .formats import read_file, read_labels
 

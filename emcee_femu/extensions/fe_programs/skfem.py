@@ -10,7 +10,7 @@ from scipy.sparse import csc_array
 
 from ...models.exports import DOF_DIRECTIONS, Matrices
 from ...models.geometry import Geometry
-from ...models.inputs import Matrix, read_matrix
+from ...models.matrices import Matrix, read_matrix
 
 # Components of a displacement, as ElementVector names them.
 COMPONENTS = {f"u^{i}": axis for i, axis in enumerate(DOF_DIRECTIONS[:3], 1)}

@@ -27,6 +27,8 @@ from ...posterior.priors import list_laws
 from ...results.arviz_objects import (
     InferenceData,
     groups,
+    judgement_of,
+    note_of,
     prior_constants,
     prior_draws,
     samples,
@@ -167,7 +169,8 @@ def report(
         chains=read_chains(idata),
         run=run,
         diagnosis=judged,
-        certificate=held["certificate"].attrs if "certificate" in held else None,
+        verdict=judgement_of(idata).get("verdict", ""),
+        note=note_of(idata),
         outcome=tabulate_result(idata),
         trust=say_trust(judged, measured),
         models=[

@@ -13,14 +13,14 @@ from functools import partial
 
 import numpy as np
 
-from ..contracts import Floats, Model
-from ..likelihoods.frequency import FrequencyTerm
-from ..models.frame import FrameModel
-from ..models.mass_spring import MassSpringModel
-from ..models.sections import Section
-from ..posterior.log_posterior import LogPosterior
-from ..posterior.priors import GaussianPrior
-from ..table import Column, Parts, Report, Table
+from ...contracts import Floats, Model
+from ...likelihoods.frequency import FrequencyTerm
+from ...models.mass_spring import MassSpringModel
+from ...posterior.log_posterior import LogPosterior
+from ...posterior.priors import GaussianPrior
+from ...table import Column, Parts, Report, Table
+from .frame import FrameModel
+from .sections import Section
 
 
 @dataclass(frozen=True)

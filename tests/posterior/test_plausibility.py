@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from emcee_femu.search.first_solve import FAR_RATIO, doubt_units
+from emcee_femu.posterior.plausibility import FAR_RATIO, doubt_units
 
 MEASURED = np.array([3.0, 5.0, 9.0])
 FAR = 2 * FAR_RATIO

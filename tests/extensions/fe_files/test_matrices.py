@@ -9,7 +9,7 @@ from support.exports import cantilever, write_calculix
 
 import emcee_femu as ef
 
-DATA = Path(__file__).parents[1] / "data"
+DATA = Path(__file__).parents[2] / "data"
 
 
 def test_a_block_has_the_frequencies_that_calculix_prints():

@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array, csc_array
 
-from .. import checks
-from ..contracts import Floats
-from .coefficients import Product, Unit
-from .geometry import Geometry
-from .matrix import AffineModel
+from ... import checks
+from ...contracts import Floats
+from ...models.coefficients import Product, Unit
+from ...models.geometry import Geometry
+from ...models.matrix import AffineModel
+from ...models.sensors import Dofs
 from .sections import (
     DOFS,
     PLANES,
@@ -34,7 +35,6 @@ from .sections import (
     check_nodes,
     read_property,
 )
-from .sensors import Dofs
 
 AXIAL, TORSION = [0, 6], [3, 9]
 ACROSS_Y, ACROSS_Z = [1, 7], [2, 8]

@@ -1,7 +1,7 @@
-"""What models share at their border: parameter sets, DOFs, and matrices."""
+"""Stiffness and mass matrices as users give them: which are refused or doubted."""
 
 import warnings
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -9,89 +9,14 @@ from numpy.typing import ArrayLike
 from scipy.sparse import coo_array, csc_array, issparse, tril, triu
 
 from .. import checks
-from ..contracts import Derivatives, Floats, Parameters
+from ..contracts import Floats
 
 Matrix: TypeAlias = Floats | csc_array
-Where: TypeAlias = Callable[[int], str]  # names a parameter set i in a message
 Weights: TypeAlias = Sequence[Floats]  # of K and of M, (n, n_k) and (n, n_m)
-
 
 # Share of the largest entry. FE programs print 7 (single precision) to 16 digits, and
 # what they reduce to superelements is off by 1e-7.
 ASYMMETRY = 1e-6
-
-
-def read_batch(parameters: Parameters, names: Sequence[str]) -> tuple[Parameters, int]:
-    """Return the values, each ``(n,)``, and n; every name must be there."""
-    values, n = checks.batch(parameters)
-    if missing := [name for name in names if name not in values]:
-        raise ValueError(f"parameters: no value for {missing}")
-    return values, n
-
-
-def read_inside(
-    parameters: Parameters, bounds: Mapping[str, tuple[float, float]], verb: str
-) -> tuple[Parameters, int]:
-    """Return values and n for a model that holds within bounds.
-
-    Args:
-        parameters: ``{name: (n,)}``.
-        bounds: ``{name: (low, high)}`` of all that it needs.
-        verb: What made the model: "reduce" or "emulate".
-
-    Raises:
-        ValueError: If a parameter is missing or outside its bounds.
-    """
-    values, n = read_batch(parameters, tuple(bounds))
-    for name, (low, high) in bounds.items():
-        value = values[name]
-        outside = ~((value >= low) & (value <= high))
-        if outside.any():
-            row = int(np.argmax(outside))
-            raise ValueError(
-                f"parameters: {name} = {value[row]:.10g} of row {row} is outside the "
-                f"bounds [{low:g}, {high:g}] of the {verb.removesuffix('e')}ed model; "
-                f"{verb} over wider bounds, or give its prior these bounds"
-            )
-    return values, n
-
-
-def describe(values: Parameters, names: Iterable[str], row: int) -> str:
-    """Return one parameter set by name, for a message."""
-    return str({name: float(values[name][row]) for name in names})
-
-
-def derive_along(
-    function: Callable[..., Mapping[str, Floats]],
-    values: Sequence[Floats],
-    tangents: Sequence[Floats],
-    steps: Floats,
-    names: Iterable[str],
-) -> Derivatives:
-    """Differentiate the values of a function by central differences.
-
-    This calls the function, but solves nothing.
-
-    Args:
-        function: From arrays to ``{variable: (n, *shape)}``.
-        values: The arrays, each ``(n, ...)``.
-        tangents: How each array changes along d directions, ``(d, n, ...)``.
-        steps: How far along each direction, ``(d, n)``.
-        names: What the directions are called.
-    """
-
-    def widen(step: Floats, value: Floats) -> Floats:
-        return step.reshape(-1, *[1] * (value.ndim - 1))
-
-    slopes: Derivatives = {}
-    for j, (name, step) in enumerate(zip(names, steps, strict=True)):
-        moves = [widen(step, v) * t[j] for v, t in zip(values, tangents, strict=True)]
-        ahead = function(*map(np.add, values, moves))
-        behind = function(*map(np.subtract, values, moves))
-        for variable, value in ahead.items():
-            slope = (value - behind[variable]) / widen(2 * step, value)
-            slopes.setdefault(variable, {})[name] = slope
-    return slopes
 
 
 def read_matrix(

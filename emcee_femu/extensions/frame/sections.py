@@ -9,8 +9,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .. import checks
-from ..contracts import Floats
+from ... import checks
+from ...contracts import Floats
 
 Property: TypeAlias = float | str | tuple[float, str]
 Term: TypeAlias = tuple[str, ...]  # the parameters whose product multiplies a matrix

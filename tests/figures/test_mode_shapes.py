@@ -1,4 +1,4 @@
-"""Mode shapes on the structure, and the MAC: what is drawn where."""
+"""Mode shapes on the structure: what is drawn where."""
 
 import numpy as np
 import pytest
@@ -172,22 +172,6 @@ def test_sensors_across_each_other_add_up_and_a_skew_one_is_not_counted_twice():
     (end,) = points(axes, AT_SENSORS)
     along = (end - [0, 1]) / np.linalg.norm(end - [0, 1])
     assert_allclose(along, move / np.linalg.norm(move), rtol=1e-9)
-
-
-def test_the_matrix_has_the_mac_before_and_after_with_frames_around_the_pairs(run):
-    turned = ef.Measurements(HERTZ, shapes=SHAPES[:, ::-1], dofs=[0, 1])
-    for source, shapes, pairs in (
-        (run, MEASURED, [[0, 0], [1, 1]]),
-        (run_of(MODEL, turned), SHAPES[:, ::-1], [[1, 0], [0, 1]]),
-    ):
-        figure = ef.figures.plot_mac(source)
-        assert_readable(figure)
-        before_and_after = solved(*PRIOR.mean), at_mean(source)
-        for axes, own in zip(figure.axes, before_and_after, strict=False):
-            expected = (shapes.T @ own) ** 2 / (shapes**2).sum(axis=0)[:, None]
-            assert_allclose(axes.images[0].get_array(), expected, rtol=1e-9)
-            centres = [np.mean(p.get_corners(), axis=0) for p in axes.patches]
-            assert_allclose(centres, pairs, atol=1e-12)
 
 
 def test_what_close_modes_span_is_drawn_at_the_sensors_only():
