@@ -45,6 +45,5 @@ SLOW_EXAMPLES = {"pool_tests.pool_tests", "figure.plot_population"}
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     for item in items:
-        name = ".".join(item.name.split(".")[-2:])
-        if "extensions.population" in item.name and name in SLOW_EXAMPLES:
+        if ".".join(item.name.split(".")[-3:]) in SLOW_EXAMPLES:
             item.add_marker(pytest.mark.slow)
