@@ -110,6 +110,7 @@ class Annealed(Report):
         units: Of the parameters that have one, by name.
         doubts: What was warned of before.
         log_box: Of the box that is the prior of a bare log-likelihood; else NaN.
+        posterior: What was annealed.
     """
 
     names: tuple[str, ...]
@@ -127,6 +128,7 @@ class Annealed(Report):
     units: Mapping[str, str] = field(default_factory=dict)
     doubts: Sequence[str] = ()
     log_box: float = np.nan
+    posterior: LogPosterior | None = None
 
     def as_chains(self) -> Chains:
         """Return the members as one walker, in the order of their lineages."""
@@ -136,6 +138,7 @@ class Annealed(Report):
             self.rows[:, None, None, LOG_POSTERIOR],
             self.acceptance[-1:, None],
             np.delete(self.rows, LOG_POSTERIOR, axis=1)[:, None, None],
+            self.posterior,
             kind="population",
             moves="annealed",
             seed="unknown (annealed)",

@@ -10,7 +10,7 @@ import emcee_femu as ef
 from emcee_femu.evaluation.resume import open_evaluator
 from emcee_femu.moves.mixture import Mixture
 from emcee_femu.search.adapt import adapt, judge
-from emcee_femu.search.importance import find_acceptance, pareto_k, resample
+from emcee_femu.search.importance import find_acceptance, kish_share, pareto_k, resample
 from emcee_femu.search.proposal import Proposal
 from emcee_femu.search.response_surface import fit_surface, learn_surface
 
@@ -175,3 +175,9 @@ def test_a_bent_ridge_is_exact_takes_few_solves_and_is_resumed_to_the_bit(tmp_pa
     assert (np.abs(chain.mean(axis=0) - mean) < 4.5 * error).all()
     ratio = chain.var(axis=0) / (weights @ spread)
     assert (np.abs(ratio - 1) < 0.15).all()
+
+
+def test_no_share_of_nearly_equal_weights_exceeds_one():
+    rng = np.random.default_rng(1)
+    shares = [kish_share(1e-9 * rng.normal(size=n)) for n in range(2, 300)]
+    assert max(shares) <= 1 and min(shares) > 0.999
