@@ -57,8 +57,8 @@ def draw_inside(
     mean: Floats, covariance: Floats, low: Floats, high: Floats
 ) -> tuple[Floats, Floats]:
     """Return draws of a Gaussian inside a box, and their weights, which sum to one."""
-    curvature = np.linalg.inv(covariance)
-    top = mean + step_within(0.0 * mean, curvature, low - mean, high - mean)[0]
+    curvature = np.asarray(np.linalg.inv(covariance), np.float64)
+    top = mean + step_within(np.zeros_like(mean), curvature, low - mean, high - mean)[0]
     slope = curvature @ (mean - top)
     draws, log_weights = _draw_about(top, slope, mean, covariance, low, high)
     return draws, special.softmax(log_weights)
