@@ -115,10 +115,14 @@ class Campaign:
         return self.evaluator.posterior
 
     @property
+    def bendable(self) -> bool:
+        """Whether polynomials of the response can be learned."""
+        return self.posterior.normal and self.posterior.ndim <= MOST_QUADRATIC
+
+    @property
     def bent(self) -> bool:
-        """Whether polynomials of the response may do better than mixtures."""
-        few = self.posterior.normal and self.posterior.ndim <= MOST_QUADRATIC
-        return few and self.first_share < self.settings.bent
+        """Whether they may do better than mixtures."""
+        return self.bendable and self.first_share < self.settings.bent
 
     @property
     def heavy(self) -> float:
