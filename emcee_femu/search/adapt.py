@@ -23,6 +23,8 @@ REFINING_ROUNDS = 12
 GOOD_SHARE = 0.9
 # Effective share from which a few per cent more are not worth another round.
 HIGH_SHARE = 0.8
+# Gain of the effective share, as a ratio, that two rounds without end the refinement.
+GAIN_OF_ROUND = 1.05
 # Weight of a new component.
 NEW_WEIGHT = 0.2
 # The variance of a parameter is known if its ten largest terms hold no more of it than
@@ -116,7 +118,7 @@ def _is_enough(campaign: Campaign, drafts: Sequence[Draft]) -> bool:
     if shares[-1] > GOOD_SHARE:
         return True
     earlier = shares[:-2]  # the first may be good by chance
-    settled = len(earlier) > 1 and max(shares[-2:]) < max(earlier)
+    settled = len(earlier) > 1 and max(shares[-2:]) < GAIN_OF_ROUND * max(earlier)
     poor = campaign.bendable and shares[-1] < campaign.settings.bent
     return settled and (shares[-1] > HIGH_SHARE or poor)
 
