@@ -7,7 +7,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from .. import checks
 from ..contracts import Floats
 from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
@@ -15,7 +14,7 @@ from ..posterior.priors import prior_centre
 from ..results.arviz_objects import dataset, samples
 from ..results.shapes import Pairing, choose_experiments, solve_shapes
 from ..results.tables import summarize
-from ..results.to_arviz import read_samples
+from ..results.to_arviz import read_samples_and_model
 from .style import RED, Style, add_panels, finish, show_mac, stack_parts
 
 FEW_MODES = 3  # modes of the model up to which the two panels are beside each other
@@ -62,8 +61,7 @@ def plot_mac(
         >>> [axes.get_title() for axes in ef.figures.plot_mac(run).axes[:2]]
         ['before: at the prior mean', 'after: at the posterior mean']
     """
-    idata, posterior = read_samples(idata, posterior)
-    posterior = checks.instance("posterior", posterior, LogPosterior)
+    idata, posterior = read_samples_and_model(idata, posterior)
     tests = choose_experiments(posterior, experiment, lambda test: test.paired)
     means = {"after: at the posterior mean": samples(idata)[1].mean(axis=(0, 1))}
     if np.isfinite(posterior.initial).all():

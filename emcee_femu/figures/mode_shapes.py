@@ -17,7 +17,7 @@ from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
 from ..results.arviz_objects import samples
 from ..results.shapes import ModeShapes, choose_experiments, solve_shapes
-from ..results.to_arviz import read_samples
+from ..results.to_arviz import read_samples_and_model
 from .style import (
     BELOW,
     BLUE,
@@ -104,8 +104,7 @@ def plot_shapes(
         >>> figure.axes[0].get_title().splitlines()[0]
         'mode 1: 0.27 Hz measured,'
     """
-    idata, posterior = read_samples(idata, posterior)
-    posterior = checks.instance("posterior", posterior, LogPosterior)
+    idata, posterior = read_samples_and_model(idata, posterior)
 
     def can_be_drawn(test: Experiment) -> bool:
         """Return whether it has shapes at known places."""

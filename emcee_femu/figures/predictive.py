@@ -10,7 +10,6 @@ from matplotlib import ticker
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .. import checks
 from ..contracts import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..results.arviz_objects import InferenceData, dataset, samples
@@ -21,7 +20,7 @@ from ..results.measured import (
     with_frequencies,
 )
 from ..results.tables import summarize
-from ..results.to_arviz import read_samples
+from ..results.to_arviz import read_samples, read_samples_and_model
 from .style import BELOW, BLUE, RED, Style, finish, subplots
 
 MOST_TICK_LABELS = 24  # below a panel
@@ -231,8 +230,7 @@ def plot_tae(
         >>> figure.axes[0].get_ylabel()
         'total average error of the mean so far (%)'
     """
-    idata, posterior = read_samples(idata, posterior)
-    posterior = checks.instance("posterior", posterior, LogPosterior)
+    idata, posterior = read_samples_and_model(idata, posterior)
     tests: list[str | None] = [experiment]
     if experiment is None:
         every = with_frequencies(measured_variables(idata))

@@ -367,7 +367,7 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
     is_error = np.isin(posterior.names, posterior.error_names)
     gaussian = *best.gaussian, *bounds.T
     mean, covariance = moments_inside(*gaussian)
-    draws, log_weights = draw_inside(*gaussian)
+    draws, weights = draw_inside(*gaussian)
     stencil = place((posterior.prior, posterior.scale), best.theta[None])
     stacked = posterior.stack(stencil.points, "deviations")
     rows, r, sd = (stacked[:, part] for part in posterior.split(stacked))
@@ -386,7 +386,7 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
         "posterior that is not Gaussian may say otherwise."
     )
     known = posterior.names, is_error, prior_mean, prior_sd, bounds
-    by_draws = before, draws, np.exp(log_weights), mean, covariance, logs
+    by_draws = before, draws, weights, mean, covariance, logs
     fit = modes, slopes, np.full(len(modes), np.nan), effect
     return _describe(known, *by_draws, fit, said)
 

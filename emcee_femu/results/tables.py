@@ -60,7 +60,9 @@ def parameter_table(
         idata: What :func:`to_inference_data` returns or takes, such as a run.
         true: Known true values by parameter name, as in a simulation; None for a real
             structure.
-        published: Further columns, ``{title: {parameter: value}}``.
+        published: Further columns, ``{title: {parameter: value}}``, which are printed
+            as they are given; all others are then in the units of the parameters,
+            without another prefix.
         var_names: Rows, with quantities that were added to the ``posterior`` group;
             None for the sampled parameters.
         before: Parameters of the model before updating, by name, in place of the prior
@@ -100,8 +102,8 @@ def parameter_table(
     if before is not None:
         start, initial = "before", checks.numbers_by_name("before", before, names)
     truth = checks.numbers_by_name("true", {} if true is None else true, names)
-    further = [
-        (title, checks.numbers_by_name(f"published[{title!r}]", values, names), sd)
+    others: list[Column] = [
+        (title, ".5g", checks.numbers_by_name(f"published[{title!r}]", values, names))
         for title, values in _columns(published)
     ]
     unit, numbers = number_columns(
@@ -112,10 +114,10 @@ def parameter_table(
             ("mean", mean, sd),
             ("2.5 %", low, sd),
             ("97.5 %", high, sd),
-            *further,
         ],
+        prefixes=not others,  # a percentage or a length: these have any unit
     )
-    of_truth, of_start, of_mean, of_low, of_high, *others = numbers
+    of_truth, of_start, of_mean, of_low, of_high = numbers
     percent = 100 * sd / np.abs(mean)
     before_off, off = _percent_off(initial, truth), _percent_off(mean, truth)
     known_sign = np.where(low * high > 0, percent, np.nan)  # else it tells nothing
@@ -233,7 +235,7 @@ def frequency_table(
         shapes, argument = ((m,), (m + 1,)), f"published[{title!r}]"
         checks.shaped(argument, column.shape, *shapes, remedy="the last is the TAE")
         padded = np.append(column, [np.nan] * (m + 1 - len(column)))
-        columns.append((title, ".4g", padded))
+        columns.append((title, ".5g", padded))
     words = f" of {experiment!r}" if experiment else ""
     words += in_brackets(note_of(idata))
     return Table.from_columns(f"Natural frequencies{words}", columns)

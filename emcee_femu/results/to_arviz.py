@@ -208,6 +208,9 @@ def read_samples(
     it is asked for. If ``judged``, what samples say of the data is stored too, and all
     groups are made.
     """
+    held = getattr(source, "posterior", None)  # of a result beside its samples
+    if posterior is None and isinstance(held, LogPosterior):
+        posterior = held
     if not is_arviz(source := samples_of(source)):
         read = partial(
             read_chains, source, posterior, discard, blobs=True, argument=argument
@@ -231,6 +234,19 @@ def read_samples(
     if posterior is not None:
         check_sampled(posterior, samples(source)[0])
     return source, posterior
+
+
+def read_samples_and_model(
+    source: object, posterior: LogPosterior | None
+) -> tuple[InferenceData, LogPosterior]:
+    """Return the ArviZ object of any source of samples, and what was sampled."""
+    idata, known = read_samples(source, posterior)
+    if known is None:
+        raise TypeError(
+            "posterior: expected the sampled LogPosterior, because the model is asked; "
+            "samples alone, such as an ArviZ object, do not hold it: give it after them"
+        )
+    return idata, checks.instance("posterior", known, LogPosterior)
 
 
 def check_sampled(posterior: LogPosterior, names: Sequence[str]) -> None:

@@ -239,6 +239,7 @@ def anneal_population(
         problems=problems,
         units=evaluator.posterior.units,
         log_box=evaluator.posterior.log_box,
+        posterior=evaluator.posterior,
     )
 
 

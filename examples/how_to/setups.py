@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Several setups of one structure
+# # Several setups of one structure (PoSER)
 #
 # For tests that were made in several setups, because there were fewer accelerometers
 # than places. To merge the shapes by the reference sensors (PoSER) is not needed:

@@ -204,6 +204,7 @@ def test_a_start_of_zero_probability_is_refused():
         run(ef.LogPosterior(model, term, PRIOR), nwalkers=16, starts=INSIDE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("far", [-1e30, -1e300])
 @pytest.mark.filterwarnings("always:posterior:UserWarning")
 def test_a_log_posterior_that_no_data_can_make_is_impossible_and_that_is_said_once(far):

@@ -100,6 +100,7 @@ MEMORYLESS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("move", [*REMEMBERING.values(), *FORGETFUL.values()])
 def test_ensembles_share_no_memory_whether_together_or_one_after_another(move):
     serial = bits(sampled(None, moves=move, steps=4))
@@ -147,7 +148,16 @@ OWN = {
 }
 
 
-@pytest.mark.parametrize("move", OWN.values(), ids=OWN)
+LONG = {"Hamiltonian"}
+
+
+@pytest.mark.parametrize(
+    "move",
+    [
+        pytest.param(move, marks=[pytest.mark.slow] * (name in LONG), id=name)
+        for name, move in OWN.items()
+    ],
+)
 def test_the_packages_own_moves_remember_nothing_that_decides(path, move):
     """A resumed run is that of one that was never stopped, though solves fail."""
     posterior = ef.LogPosterior(Failing(), TERM, PRIOR)

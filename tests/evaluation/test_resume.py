@@ -24,9 +24,9 @@ from emcee_femu.search.settings import SETTINGS
 
 SLOW = pytest.mark.slow
 PROBE = 16  # stored points that are solved again, at most
-INSIDE = ["chain", "tempered", "auto", "anneal"]  # that count in this process
-FITTED = pytest.param("emulate", marks=SLOW)  # anew after each batch: 10 s each
-every_kind = pytest.mark.parametrize("kind", [*INSIDE, FITTED])
+INSIDE = ["chain", "tempered", "auto"]
+LONG = [pytest.param(kind, marks=SLOW) for kind in ("anneal", "emulate")]  # 3 and 10 s
+every_kind = pytest.mark.parametrize("kind", [*INSIDE, *LONG])
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -97,6 +97,7 @@ def test_workers_store_what_one_process_goes_on_with_and_emcee_too(path):
     assert_same(samplers, sampled(None, steps=12, workers=2))
 
 
+@pytest.mark.slow
 def test_what_auto_found_is_not_sought_again(whole, path, monkeypatch):
     first, _ = attempt("auto", path, steps=5)
     second, result = attempt("auto", path)
@@ -346,7 +347,7 @@ def test_another_version_of_a_library_is_warned_of(path, monkeypatch):
         sampled(path, steps=3)
 
 
-@pytest.mark.parametrize("kind", ["chain", "auto", "anneal", FITTED])
+@pytest.mark.parametrize("kind", ["chain", "auto", *LONG])
 def test_a_model_that_changed_is_found_in_any_file(whole, path, count, kind):
     _, expected, content = whole(kind)
     path.write_bytes(content)
@@ -376,6 +377,7 @@ def test_a_model_that_fails_now_or_is_not_deterministic_is_told_apart(path, coun
     sampled(path, steps=22, probe_tolerance=1.0)
 
 
+@pytest.mark.slow
 def test_the_counts_of_failures_and_their_limit_go_on_after_a_resume(path):
     whole = sampled(None, steps=30)
     total, causes = failures(whole)
@@ -389,6 +391,7 @@ def test_the_counts_of_failures_and_their_limit_go_on_after_a_resume(path):
     assert ef.diagnose(samplers).failures == ef.diagnose(whole).failures
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [sampled, annealed])
 def test_what_a_failure_stopped_goes_on_with_reject(path, kind):
     starts = np.random.default_rng(0).uniform(0.9, 1.0, (2, 12, 2))

@@ -209,8 +209,8 @@ def drawn_modes(elements):
 
 
 def test_beams_are_drawn_as_they_bend():
-    """Three elements, drawn with their rotations, are the beam of thirty."""
-    for coarse, fine in zip(drawn_modes(3), drawn_modes(30), strict=True):
+    """Three elements, drawn with their rotations, are the beam of twelve."""
+    for coarse, fine in zip(drawn_modes(3), drawn_modes(12), strict=True):
         drawn = np.interp(fine[:, 1], *coarse[np.argsort(coarse[:, 1])].T[::-1])
         largest = np.abs(fine[:, 0]).max()
         assert largest > 0.1
@@ -243,3 +243,21 @@ def test_a_panel_shows_the_structure_with_its_sensors(run):
     assert "2 sensors" in first.get_title() and "mode 2" in second.get_title()
     tails = [arrow.xyann for arrow in first.texts]
     assert_allclose(sorted(tails), [(0, 3), (0, 6)], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "sample",
+    [
+        lambda posterior: ef.anneal(posterior, 40, seed=1),
+        lambda posterior: ef.run_emulated(posterior, 60, seed=1),
+    ],
+    ids=["annealed", "emulated"],
+)
+def test_a_result_that_holds_its_posterior_is_drawn_by_its_model(sample):
+    model = ef.PairedModel(MODEL, TEST, candidates=2)
+    term = ef.FrequencyTerm(TEST, relative_sd=0.01)
+    result = sample(ef.LogPosterior(model, term, PRIOR))
+    assert ef.figures.plot_mac(result).axes and ef.figures.plot_tae(result).axes
+    assert ef.figures.plot_shapes(result, geometry=TOWER).axes
+    with pytest.raises(TypeError, match="posterior: .*ArviZ"):
+        ef.figures.plot_mac(ef.to_inference_data(result))

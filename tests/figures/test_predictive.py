@@ -66,6 +66,7 @@ def test_points_bars_and_probabilities_of_model_classes():
     assert not left.containers[1].has_xerr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("behind", [0.1, 1.0, 10.0, 56.0, 134.0, 1000.0])
 def test_every_class_is_drawn_inside_the_axis_with_its_bar(behind):
     found = {

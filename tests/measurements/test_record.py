@@ -224,3 +224,14 @@ def test_the_scatter_of_repeats_does_not_depend_on_the_unit_of_length():
     for scatter in ("shapes", "shape_sd"):
         first, second = getattr(metres, scatter), getattr(millimetres, scatter)
         assert_allclose(IN_MILLIMETRES * first, 1e3 * second, rtol=1e-9)
+
+
+def test_sensors_at_labelled_dofs_have_the_names_of_these():
+    shapes = np.array([[1.0], [0.5]])
+    measured = Measurements([3.0], shapes=shapes, dofs=["2:ux", "3:-uy"])
+    assert measured.sensors == ("2:ux", "3:uy")
+    named = Measurements(
+        [3.0], shapes=shapes, dofs=["2:ux", "3:uy"], sensors=["a", "b"]
+    )
+    assert named.sensors == ("a", "b")
+    assert Measurements([3.0], shapes=shapes, dofs=[4, 2]).sensors == ("s1", "s2")

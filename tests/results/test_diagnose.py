@@ -152,6 +152,7 @@ def test_what_is_no_matter_of_units_is_not_doubted(posterior, moves):
     assert doubts(posterior, moves=moves)[1] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "said"),
     [(in_newtons, "model 0.0035.*units"), (ignored, "^model: the same response")],
@@ -373,6 +374,7 @@ def test_a_parameter_that_moves_as_its_prior_allows_is_not_doubted():
     assert said == [] and ef.diagnose(run, 100).fit.status == "fits"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("error", "moves"),
     [("relative_sd", ef.DEMCMove()), ("relative_sd", "auto"), ("discrepancy", "auto")],

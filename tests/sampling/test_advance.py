@@ -57,6 +57,7 @@ def test_it_ends_when_it_has_converged_and_is_long_enough(ended):
     assert not earlier.chains.status.startswith("converged") or least < 2_000
 
 
+@pytest.mark.slow
 def test_every_standard_deviation_is_known_then(ended, monkeypatch):
     errors = ef.diagnose(ended).sd_error
     settings = replace(SETTINGS, sd_at_end=errors.mean())
@@ -76,6 +77,7 @@ def test_tails_are_as_well_known_as_the_centre_then():
     assert tail < (centre + tail) / 2 <= ef.diagnose(found).ess_tail.min()
 
 
+@pytest.mark.slow
 def test_it_ends_when_its_solves_are_spent_and_goes_on_with_more(tmp_path, ended):
     file = {"backend": str(tmp_path / "run.chain"), "resume": True, "ess": 2_000}
     first = run(solves=2_000, **file)
@@ -87,6 +89,7 @@ def test_it_ends_when_its_solves_are_spent_and_goes_on_with_more(tmp_path, ended
         assert_array_equal(chains(found), chains(ended))
 
 
+@pytest.mark.slow
 def test_workers_change_nothing():
     one, two = (run(ess=400, workers=number) for number in (None, 2))
     assert one.stopped == "converged" and one[0].iteration > LOOKS[1]

@@ -28,6 +28,7 @@ def two_modes(theta):
     return np.logaddexp(*modes) - 0.5 * theta.shape[1] * np.log(2 * np.pi)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", [LAW, BoundedLaw()], ids=["free", "bounded"])
 def test_population_and_evidence_are_exact_over_replicates(target):
     annealed = [ef.anneal(target.posterior, 120, seed=seed) for seed in range(10)]

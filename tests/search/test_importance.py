@@ -8,7 +8,7 @@ from support.free_posterior import box, free_posterior
 
 from emcee_femu.moves.mixture import Mixture
 from emcee_femu.search.adapt import adapt, judge
-from emcee_femu.search.importance import find_acceptance, pareto_k, resample
+from emcee_femu.search.importance import find_acceptance, kish_share, pareto_k, resample
 from emcee_femu.search.proposal import Proposal
 
 
@@ -88,3 +88,9 @@ def test_acceptance_is_that_of_independent_proposals():
     cut = find_acceptance(p.logpdf(x), log_c, q.logpdf(x))
     accepted = (here > 0) * np.exp(np.minimum(log_ratio, 0))
     assert abs(cut - accepted[there > 0].mean()) < 0.05 < found - cut
+
+
+def test_no_share_of_nearly_equal_weights_exceeds_one():
+    rng = np.random.default_rng(1)
+    shares = [kish_share(1e-9 * rng.normal(size=n)) for n in range(2, 300)]
+    assert max(shares) <= 1 and min(shares) > 0.999

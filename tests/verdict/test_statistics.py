@@ -132,6 +132,7 @@ POSTERIOR = ef.LogPosterior(
 )
 
 
+@pytest.mark.slow
 def test_agreement_of_given_starts_is_not_called_converged():
     start = POSTERIOR.prior.sample(np.random.default_rng(1), 16).reshape(2, 8, 2)
     move = ef.MetropolisMove(sd=0.1)
@@ -142,6 +143,7 @@ def test_agreement_of_given_starts_is_not_called_converged():
     assert ef.diagnose(list(run), 100).converged  # samplers do not know
 
 
+@pytest.mark.slow
 def test_starts_from_which_auto_only_searches_are_not_held_against_its_chain(tmp_path):
     options = {"nwalkers": 8, "ensembles": 2, "seed": 1, "backend": tmp_path / "run"}
     starts = POSTERIOR.start(16, seed=1).reshape(2, 8, 2)

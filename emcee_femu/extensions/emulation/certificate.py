@@ -69,6 +69,7 @@ class Certificate(Report):
         emulated_evidence: The log evidence of the emulated posterior, if "auto" sampled
             it.
         emulated: The emulator that :func:`.run_emulated` made.
+        posterior: The true posterior.
         idata: The ArviZ object for further work. If the verdict is *corrected*, it
             holds the draws that were solved in full, with their weights in
             ``sample_stats``, and tables and figures show the weighted draws. Otherwise
@@ -101,6 +102,7 @@ class Certificate(Report):
     notes: tuple[str, ...] = ()
     emulated_evidence: Evidence | None = None
     emulated: Report | None = None
+    posterior: LogPosterior | None = None
     idata: InferenceData | None = None
 
     def reported(self) -> Reported:

@@ -266,6 +266,7 @@ def judge_draws(
         notes=(*warned, *_note(chain, n, len(maxima), lost, evaluator.failed)),
         emulated_evidence=log_evidence(chain.idata) if chain.searched else None,
         idata=chain.idata,
+        posterior=evaluator.posterior,
     )
     return certificate, rows, emulated
 

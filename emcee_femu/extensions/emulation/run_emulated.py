@@ -160,7 +160,8 @@ def run_emulated(
             target = points + min(int(GROWTH * points), left - CERTIFIED_BY)
             tolerance = 0.0
     best = max(reversed(made), key=lambda each: BEST_LAST.index(each.short))
-    return replace(best, solves=archive.solves, failed_solves=archive.failed)
+    spent: dict[str, Any] = {"solves": archive.solves, "failed_solves": archive.failed}
+    return replace(best, posterior=posterior, **spent)
 
 
 def _certify(

@@ -155,6 +155,7 @@ def test_the_error_of_a_difference_is_that_of_the_solved_draws_alone():
     assert (np.abs(z) < 4.5).all() and (np.abs(off - 1) < 0.02).all()
 
 
+@pytest.mark.slow
 def test_a_short_chain_is_said_and_widens_the_errors():
     short, long = (certify(TRUE, n=n, solves=80, phi=0.98) for n in (2_000, 30_000))
     assert (short.mean_error > 2 * long.mean_error).all()
@@ -531,6 +532,7 @@ def test_the_evidence_is_that_of_the_true_posterior(tmp_path):
         ef.log_evidence(plain)
 
 
+@pytest.mark.slow
 def test_tables_and_a_new_certificate_take_a_certificate_as_its_samples():
     _, found = certificate([1.0005, 2.001], 60)
     for tabulate in (ef.parameter_table, ef.frequency_table, ef.predictive_table):

@@ -144,6 +144,7 @@ def test_a_spring_over_six_decades_takes_few_solves(beam, solves):
     assert_allclose(slope, change, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_inferred_errors_are_no_inputs_of_the_emulator_nor_of_its_derivatives():
     def slopes(p):
         return [p["k"] ** 0.5], {"frequency": {"k": np.array([0.5 * p["k"] ** -0.5])}}
@@ -351,6 +352,7 @@ def test_it_has_settled_if_errors_ended_within_tolerance_and_its_samples_say_so(
         assert ef.certify(run, posed(), 30, seed=1).settled is emulated.settled
 
 
+@pytest.mark.slow
 def test_failed_solves_are_counted_and_printed(caplog):
     caplog.set_level(logging.CRITICAL, "emcee_femu")
     posterior = posed(broken)

@@ -73,6 +73,7 @@ def test_it_is_certified_and_right_and_counts_each_solve_once(certified):
     assert f"{found.solves} of 100 solves" in unwrapped(found)
 
 
+@pytest.mark.slow
 def test_what_it_returns_goes_into_every_table_and_judgement(certified, tmp_path):
     found, model = certified
     spent = len(model.solved)

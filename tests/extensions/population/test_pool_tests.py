@@ -195,6 +195,7 @@ def test_tests_that_do_not_fit_are_named(test, population, named):
         ef.pool_tests({**TESTS, "b": test}, population, seed=1)
 
 
+@pytest.mark.slow
 def test_each_test_may_be_a_run_and_its_fit_is_judged_by_its_own_samples():
     model = ef.FunctionModel(lambda p: [p["k"] ** 0.5, 2 * p["k"] ** 0.5], n_modes=2)
     prior = ef.GaussianPrior(["k"], [9.0], [1.0], [(5.0, 13.0)])

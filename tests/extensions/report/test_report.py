@@ -111,6 +111,7 @@ def test_the_call_of_a_report_repeats_it(plain, write, tmp_path, monkeypatch):
     assert day.sub("", again) == day.sub("", page)
 
 
+@pytest.mark.slow
 def test_each_experiment_of_a_joint_posterior_has_its_tables_and_figures(write):
     loaded = ef.FunctionModel(lambda p: [(p["k"] / 2) ** 0.5], n_modes=1)
     half = ef.FrequencyTerm([2.1], relative_sd=0.01)
@@ -156,6 +157,7 @@ def test_words_and_quantities_that_cannot_be_shown_are_refused(
         write(plain, **options)
 
 
+@pytest.mark.slow
 def test_samples_are_reported_with_what_they_know(plain, write, tmp_path):
     """Of a file, with and without the posterior, and of plain emcee."""
     ef.to_inference_data(plain).to_netcdf(tmp_path / "run.nc")
@@ -170,6 +172,7 @@ def test_samples_are_reported_with_what_they_know(plain, write, tmp_path):
     assert whole - bare == {"Predictions", TOLD} and not bare - whole
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("off", "short"), [(0.0, "certified"), (0.01, "corrected")])
 def test_a_certificate_is_reported_with_its_verdict(off, short, write):
     near = ef.FunctionModel(lambda p: [3 + off + (p["k"] - 9) / 6], n_modes=1)
