@@ -222,7 +222,8 @@ def read_samples(
                 return store_fit(data, judge_samples(chains)), chains.posterior
             return wrap(data), None
         chains = read(thin, blobs=False)
-        if chains.posterior is not None:  # of another one the blobs differ
+        if chains.posterior is not None and chains.kind == "chain":
+            # Of another posterior the blobs differ: one step of them shows it.
             _rows(read(thin * len(chains.draws)), chains.posterior)
         return convert(chains, thin, term, partial(read, thin)), chains.posterior
     if (discard or 0, thin, term) != (0, 1, None):
