@@ -32,7 +32,8 @@ from .arviz_objects import (
 from .chains import read_chains
 from .fit import read_records
 from .fit_statement import judge_fit
-from .to_arviz import FIT, convert, judge_samples
+from .groups import convert
+from .to_arviz import FIT, judge_samples
 
 # Further statements by title, of functions of samples with their response: see
 # CONTRIBUTING.md.
