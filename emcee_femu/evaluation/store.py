@@ -23,7 +23,7 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contracts import Floats
+from ..contracts import Floats, split_rows
 from ..posterior.log_posterior import Kind
 from .evaluator import Evaluation
 from .memory import Weighted, remember, restore
@@ -316,7 +316,7 @@ class StoredChain(emcee.backends.Backend):
     def get_last_sample(self) -> emcee.State:
         """Return the last stored state; the start if there is no step."""
         theta, rows = self.last.theta.copy(), self.last.values.copy()
-        return emcee.State(theta, rows[:, 0], rows[:, 1:], self.random_state)
+        return emcee.State(theta, *split_rows(rows), self.random_state)
 
     def get_value(
         self, name: str, flat: bool = False, thin: int = 1, discard: int = 0
