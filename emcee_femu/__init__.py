@@ -17,7 +17,7 @@ sampling      run emcee: starts, seeds, independent ensembles
 results       emcee -> ArviZ; diagnostics, evidence, tables, what the data say
 figures       by what they show
 extensions    subjects that few need, each on the stages above and on none other:
-              frame (the structures of the paper too), fe_files, fe_programs, emulation,
+              frame (with the structures of the paper), fe_programs, emulation,
               reduction, frf, tempering, population, comparison, report
 """
 
@@ -69,7 +69,7 @@ if TYPE_CHECKING:  # imported when first asked for
     from .extensions.emulation.certify import certify as certify
     from .extensions.emulation.emulate import emulate as emulate
     from .extensions.emulation.run_emulated import run_emulated as run_emulated
-    from .extensions.fe_files.matrices import read_matrices as read_matrices
+    from .extensions.fe_programs.matrices import read_matrices as read_matrices
     from .extensions.fe_programs.opensees import from_opensees as from_opensees
     from .extensions.fe_programs.pynite import from_pynite as from_pynite
     from .extensions.fe_programs.skfem import from_skfem as from_skfem
@@ -91,7 +91,7 @@ IMPORTED_LATER = {  # where these names are
     "certify": "extensions.emulation.certify",
     "emulate": "extensions.emulation.emulate",
     "run_emulated": "extensions.emulation.run_emulated",
-    "read_matrices": "extensions.fe_files.matrices",
+    "read_matrices": "extensions.fe_programs.matrices",
     "from_opensees": "extensions.fe_programs.opensees",
     "from_pynite": "extensions.fe_programs.pynite",
     "from_skfem": "extensions.fe_programs.skfem",

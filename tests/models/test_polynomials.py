@@ -1,4 +1,6 @@
-"""Polynomials from exports at several values of the parameters, and geometry."""
+"""Polynomials of matrices from exports at several values of the parameters."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -111,16 +113,22 @@ def exported(request):
     return export
 
 
-def test_a_frame_knows_its_nodes_and_elements():
-    bar = ef.Section(E=7e10, GJ=700.0, rho=2700.0, A=3e-4, Iy=2e-9, Iz="Iz")
-    points = [(0.0, 0.0, 0.0), (0.5, 0.0, 0.1), (1.0, 0.0, 0.0)]
-    lines = [(0, 1, "bar"), (1, 2, "bar")]
-    beam = ef.FrameModel(points, lines, {"bar": bar}, {0: "all"}, n_modes=2)
-    nodes = {node: place.tolist() for node, place in beam.geometry.nodes.items()}
-    assert nodes == {i: list(point) for i, point in enumerate(points)}
-    assert beam.geometry.lines == [(0, 1), (1, 2)]
-    node, along = beam.geometry.locate("2:uy")
-    assert node == 2 and along.tolist() == [0.0, 1.0, 0.0]
+def test_any_object_with_matrices_labels_and_geometry_is_an_export():
+    K, M = map(sparse.csc_array, PLAIN)
+    drawn = ef.Geometry({0: (0, 0), 1: (0, 1)}, [(0, 1)])
+    labels = tuple(f"{row}:uz" for row in range(K.shape[0]))
+
+    def of(factor, labels):
+        parts = {"K": factor * K, "M": M}
+        return SimpleNamespace(matrices=parts, labels=labels, geometry=drawn)
+
+    model = build({"k": {2.0: of(2.0, labels)}}, of(1.0, labels))
+    assert model.geometry is drawn
+    plain = build({"k": {2.0: 2.0 * K}}, (K, M))
+    found, exact = (m({"k": [1.7]}).frequencies for m in (model, plain))
+    np.testing.assert_allclose(found, exact, rtol=ROUNDING)
+    with pytest.raises(ValueError, match="nodes and directions of the base"):
+        build({"k": {2.0: of(2.0, labels[::-1])}}, of(1.0, labels))
 
 
 @pytest.mark.filterwarnings("ignore:the reduction does not pay")

@@ -8,10 +8,9 @@ import numpy as np
 from scipy.sparse import csc_array
 
 from ... import checks
-from ...models.exports import Matrices as Matrices
-from ...models.exports import write_name
 from ...models.matrices import warn_of_uncoupled
 from .entries import AGAIN, Part
+from .exports import Matrices, write_name
 from .formats import read_file, read_labels
 
 FilePath = str | PathLike[str]
