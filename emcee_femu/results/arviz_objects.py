@@ -4,7 +4,7 @@ The only module that imports ArviZ, which takes seconds: it is imported where it
 used.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -28,9 +28,36 @@ SAMPLED = {"posterior", "sample_stats", "log_likelihood", "response", "new_measu
 FEWEST_RESAMPLED, COPIES = 4_000, 40
 
 
+class Groups(Mapping[str, Dataset]):
+    """The groups of an ArviZ object, each made when it is first asked for.
+
+    Args:
+        makers: ``{group: function}``; a function that returns None makes no group.
+    """
+
+    def __init__(self, makers: Mapping[str, Callable[[], Dataset | None]]) -> None:
+        self._makers, self._made = makers, dict[str, Dataset | None]()
+
+    def __getitem__(self, name: str) -> Dataset:
+        """Return a group."""
+        if name not in self._made:
+            self._made[name] = self._makers[name]()
+        if self._made[name] is None:
+            raise KeyError(name)
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Return the names of all groups, which are made for that."""
+        return (name for name in self._makers if name in self)
+
+    def __len__(self) -> int:
+        """Return how many groups there are."""
+        return sum(1 for _ in self)
+
+
 def is_arviz(source: object) -> bool:
-    """Return whether an object is one of ArviZ."""
-    return hasattr(source, "groups")
+    """Return whether an object is one of ArviZ, or has groups as these have."""
+    return isinstance(source, Groups) or hasattr(source, "groups")
 
 
 def samples_of(source: object) -> object:
@@ -73,8 +100,8 @@ def dataset(idata: InferenceData, group: str) -> Dataset:
     try:
         values = _group(idata, group)
     except KeyError:
-        if group == "response" and "constant_data" in groups(idata):
-            return groups(idata)["constant_data"][[]]  # of a bare log-likelihood
+        if group == "response" and "constant_data" in idata:
+            return _group(idata, "constant_data")[[]]  # of a bare log-likelihood
         raise ValueError(
             f"idata: it has no group {group!r}, for it was made without the posterior, "
             "as by arviz.from_emcee; convert the samplers with "
@@ -102,7 +129,7 @@ def prior_constants(idata: InferenceData, names: Sequence[str]) -> Dataset:
 
 def prior_draws(idata: InferenceData, names: Sequence[str]) -> Floats:
     """Return draws of the prior ``(n, d)``; NaN for names without a prior."""
-    prior = groups(idata).get("prior")
+    prior = _group(idata, "prior") if "prior" in idata else None
     if prior is None or not prior.sizes["chain"]:  # chains were selected
         return np.full((1, len(names)), np.nan)
     return np.asarray(prior.to_dataframe().reindex(columns=list(names)))
@@ -131,8 +158,7 @@ def _group(idata: InferenceData, group: str) -> Dataset:
 
 def is_weighted(idata: InferenceData) -> bool:
     """Return whether the draws have weights."""
-    # Draws from elsewhere may lack the group.
-    return "sample_stats" in idata and "weight" in _group(idata, "sample_stats")
+    return str(_group(idata, "posterior").attrs.get("kind")) == "weighted"
 
 
 def samples(

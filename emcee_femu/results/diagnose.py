@@ -32,7 +32,8 @@ from .arviz_objects import (
 from .chains import read_chains
 from .fit import read_records
 from .fit_statement import judge_fit
-from .to_arviz import FIT, to_inference_data
+from .groups import convert
+from .to_arviz import FIT, judge_samples
 
 # Further statements by title, of functions of samples with their response: see
 # CONTRIBUTING.md.
@@ -185,7 +186,8 @@ def _read(
     if not is_arviz(source):
         if chains.posterior is None:
             return None, None
-        source = to_inference_data(source, None, chains.discard)
+        whole = read_chains(source, discard=chains.discard, blobs=True)
+        return convert(whole), judge_samples(whole)
     posterior = dataset(source, "posterior")
     known = posterior.attrs.get(FIT)
     records = None if known is None else read_records(known)

@@ -330,7 +330,7 @@ def _settle(record: FitRecord, looks: int) -> FitRecord:
     """Return a record whose chance counts all that was looked at."""
     if not np.isfinite(record.p):
         return record
-    p = min(1.0, looks * record.p)
+    p = float(min(1.0, looks * record.p))
     off = p < MISFIT_BY_CHANCE and record.chi2 > MATTERS * record.size
     return replace(record, p=p, status=MISFIT if off else FITS)
 

@@ -23,9 +23,10 @@ from .identifiability import describe_samples
 from .measured import (
     INTERVAL,
     Measured,
-    find_experiments,
+    find_pairs,
     measured_frequencies,
     measured_variables,
+    with_frequencies,
 )
 from .to_arviz import read_samples
 
@@ -191,7 +192,8 @@ def frequency_table(
     """
     asked = posterior is not None
     idata, posterior = read_samples(idata, posterior)
-    tests = find_experiments((m.name for m in measured_variables(idata)), "frequency")
+    parts = with_frequencies(measured_variables(idata))
+    tests = [part.experiment for part in parts if part.experiment]
     if experiment is None and tests:
         if published is not None:
             raise ValueError(f"published: name one of the experiments {tests} as well")
@@ -362,7 +364,7 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
     """
     idata, _ = read_samples(idata)
     response = dataset(idata, "response")
-    tests = find_experiments(response, "mac")
+    tests = [name for name in find_pairs(idata) if name]
     if experiment is None and tests:
         tables = {name: pairing_table(idata, name) for name in tests}
         title = f"Pairing with the model's modes{in_brackets(note_of(idata))}"

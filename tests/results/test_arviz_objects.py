@@ -62,6 +62,7 @@ def test_weighted_draws_have_the_moments_of_their_weights(idata):
     lp = held["sample_stats"]["lp"]
     weight = np.random.default_rng(0).random(lp.shape) ** 4
     some = {n: g.isel(chain=[0]) for n, g in held.items() if "chain" in g.dims}
+    some["posterior"] = some["posterior"].assign_attrs(kind="weighted")
     some["sample_stats"] = some["sample_stats"].assign(
         weight=(("chain", "draw"), weight[:1])
     )

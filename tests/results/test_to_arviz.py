@@ -377,3 +377,59 @@ def test_memory_stays_flat_while_a_file_grows_and_a_conversion_takes_little(tmp_
     _, peak, idata = memory_of(ef.to_inference_data, run)
     kept = sum(dataset(idata, group).nbytes for group in ("posterior", "response"))
     assert kept < peak < 1.5 * least + 10 * kept  # 5 times it with NumPy 2.4
+
+
+class Term(ef.FrequencyTerm):
+    """A term that is asked for nothing but its likelihood."""
+
+    def pointwise(self, parameters, response):
+        raise AssertionError("no table prints the likelihood of each datum")
+
+    def replicate(self, rng, parameters, response):
+        raise AssertionError("no new measurement is needed")
+
+
+def test_a_table_asks_for_no_more_than_it_prints():
+    term = Term(MEASURED, beta=1e3)
+    posterior = ef.LogPosterior(model_of(), term, POSTERIOR.prior)
+    run = ef.run(posterior, ef.DEMCMove(), WALKERS, 40, seed=1)
+    assert len(ef.parameter_table(run).column("mean")) == 3
+    assert len(ef.identifiability(run).names) == 3
+    ef.figures.plot_scatter(run)
+    with pytest.raises(AssertionError, match="likelihood of each datum"):
+        ef.to_inference_data(run)
+
+
+def test_a_table_of_parameters_reads_no_response():
+    """It is many times as large as the chain."""
+    wide, points = np.linspace(1.0, 2.0, 400), [*range(400)]
+
+    class Line:
+        names = ("a",)
+        dims = {"load_case": ["own weight"], "point": points}
+        variables = {"displacement": ef.Variable(dims, "mm")}
+
+        def __call__(self, parameters):
+            return {"displacement": parameters["a"][:, None, None] * wide}
+
+    term = ef.DisplacementTerm(wide[None], sd=0.1)
+    prior = ef.IndependentPrior({"a": stats.norm(1.0, 0.5)})
+    posterior = ef.LogPosterior(Line(), term, prior)
+    run = ef.run(posterior, ef.DEMCMove(), 20, 100, ensembles=1, seed=1)
+    blobs = run[0].get_blobs().nbytes
+    ef.parameter_table(run)  # imports what it needs
+    tracemalloc.start()
+    ef.parameter_table(run)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 0.5 * blobs
+
+
+def test_chains_of_another_posterior_are_refused_by_a_table_of_parameters(runs):
+    """Though it reads none of what differs."""
+    two = ef.LogPosterior(model_of(2), POSTERIOR.terms, POSTERIOR.prior)
+    plain = [sampler.backend for sampler in runs]
+    with pytest.raises(ValueError, match="not of this posterior"):
+        ef.identifiability(ef.to_inference_data(plain, two))
+    with pytest.raises(ValueError, match="not of this posterior"):
+        ef.predictive_table(plain, two)

@@ -16,7 +16,8 @@ from ...results.arviz_objects import (
     wrap,
 )
 from ...results.evidence import Evidence
-from ...results.to_arviz import convert, judge_samples, pick_some, store_fit
+from ...results.groups import convert, pick_some
+from ...results.to_arviz import judge_samples, store_fit
 from ...search.importance import GOOD_K
 from ...search.record import Chains
 from ...table import Parts, Report, Table, number_columns
