@@ -19,7 +19,7 @@ PAGE = 80  # columns of a terminal, at which printed sentences are wrapped
 PRINTED = 104  # characters that A4 takes at 7 points
 CAPTION = 'style="text-align: left; caption-side: top"'
 # Columns that say how sure the one before them is: they stay beside it.
-BESIDE = {"+-", "its +-", "2.5 %", "97.5 %", "sd", "c.o.v. %", "error %"}
+BESIDE = {"+-", "its +-", "2.5 %", "97.5 %", "sd", "c.o.v. %", "error %", "MAC 5 %"}
 # A format specification for a column, or what is printed in each of its rows.
 Format: TypeAlias = str | Sequence[str]
 # Title, format and the cells.

@@ -73,7 +73,7 @@ def plot_predictive(
     if not parts:
         there = [part.name for part in every]
         raise ValueError(
-            f"experiment: {experiment!r} has none of what was measured, {there}"
+            f"experiment: nothing was measured in {experiment!r}, only {there}"
         )
     heights = [h for p in parts for h in ([3.4] if p.mac is None else [3.4, 1.7])]
     width = float(np.clip(1.6 + 0.8 * max(len(p.labels) for p in parts), 7, 16))

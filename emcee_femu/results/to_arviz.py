@@ -223,8 +223,8 @@ def read_samples_and_model(
     idata, known = read_samples(source, posterior)
     if known is None:
         raise TypeError(
-            "posterior: expected the sampled LogPosterior, because the model is asked; "
-            "samples alone, such as an ArviZ object, do not hold it: give it after them"
+            "posterior: expected the sampled LogPosterior, whose model is needed here; "
+            "an ArviZ object holds samples only, so give the posterior after it"
         )
     return idata, checks.instance("posterior", known, LogPosterior)
 

@@ -3,7 +3,7 @@
 #
 # For those who have acceleration records and no modes yet: pyOMA2 identifies modes
 # and their uncertainties, and the model is updated with them. `python
-# examples/how_to/ambient_vibration.py` runs the page (4 s); it takes `pip install
+# examples/how_to/ambient_vibration.py` runs the page; it takes `pip install
 # pyOMA_2`.
 #
 # Five floors of 25.91 kg on springs vibrate under unmeasured wind and traffic. Five

@@ -5,7 +5,7 @@
 # a universal file of a test system, in an identification by pyOMA2, or in several
 # tests of one structure. What comes out is {py:class}`~emcee_femu.Measurements`, the
 # one object that terms and pairing take. `python examples/how_to/csv_and_uff.py` runs
-# the page (2 s). Its numbers are made up.
+# the page. Its numbers are made up.
 #
 # ## From arrays
 #

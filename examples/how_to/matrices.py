@@ -4,7 +4,7 @@
 # For those whose FE program exports K and M: read the files of CalculiX, Abaqus,
 # Nastran, ANSYS, MATLAB or any other program, and give their rows the names of the test's
 # sensors. The model made from them solves thousands of parameter sets without the
-# program. `python examples/how_to/matrices.py` runs the page (2 s). Its numbers are
+# program. `python examples/how_to/matrices.py` runs the page. Its numbers are
 # made up.
 #
 # {doc}`calculix` does so with the files of a real program.

@@ -5,7 +5,7 @@
 # loads and excitation change. This page shows how much the parameters vary from test
 # to test, what this depends on, and what to expect of the next test. The tests are
 # simulated, so the answer is known. `python examples/tutorials/many_tests.py` runs
-# the page (20 s).
+# the page.
 #
 # A single posterior of all data assumes that the parameters are constant, so its
 # standard deviations shrink below the scatter between tests.
