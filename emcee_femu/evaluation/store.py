@@ -128,7 +128,7 @@ class Store:
                 raise sqlite3.DatabaseError("a number is missing")
         return np.array(rows, dtype=int).reshape(-1, 3)
 
-    def spread(self, size: int) -> Iterator[tuple[Floats, Floats]]:
+    def sample_records(self, size: int) -> Iterator[tuple[Floats, Floats]]:
         """Yield stored points with their values, spread evenly over all of them."""
         records = self._records()
         ends, total = records[:, 2].cumsum(), int(records[:, 2].sum())

@@ -57,7 +57,7 @@ class HamiltonianMove(Move):
     No other move is as efficient in many dimensions if the metric is close to the
     posterior's covariance. Take it from a Laplace approximation or from earlier draws,
     ``numpy.cov(draws, rowvar=False)``, and let :meth:`tuned` choose steps and step
-    size. The move does not cross between modes: mix it with one that does. Start it at
+    size. The move does not cross between maxima: mix it with one that does. Start it at
     a maximum or after a burn-in, because it is slow from draws of the prior.
 
     Args:

@@ -523,7 +523,7 @@ class LogPosterior(Report):
         """Draw starting positions ``(nwalkers, d)`` from the prior.
 
         Such starts are over-dispersed, which independent ensembles need to reveal a
-        mode that one of them missed.
+        maximum that one of them missed.
 
         Args:
             nwalkers: Number of walkers.
