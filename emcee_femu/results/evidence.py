@@ -238,7 +238,7 @@ def standard_error(series: Floats) -> tuple[float, tuple[str, ...]]:
     """Return the standard error of the mean of ``series (steps, ensembles)``.
 
     If there are several ensembles, their spread is used if it is significantly larger:
-    it reveals a maximum that one of them missed. Without the test, the larger of the two
+    it reveals a maximum that one missed. Without the test, the larger of the two
     errors would be 1.2 times too large for two ensembles.
 
     Returns:
