@@ -37,6 +37,7 @@ from ...verdict.burn_in import FEWEST_STEPS
 from ...verdict.diagnosis import NOT_CONVERGED, NOT_SEARCHED, SEARCHED, Statement
 from ...verdict.verdict import TOO_SHORT
 from .certificate import EQUAL_WEIGHTS, Certificate
+from .draws import WIDER_POWER, draw_wider
 from .emulated import SETTLED, EmulatedModel
 from .emulated_chain import (
     EmulatedChain,
@@ -46,6 +47,7 @@ from .emulated_chain import (
 )
 
 FEWEST_SOLVES = 10
+BRIDGED = 1_000  # draws of the chain that are compared with those of a wider law
 JUDGED_SHARE = 10  # of the solves, at least, for each that judges the fit
 # Solves for the search: at most a quarter, and no more than these.
 SEARCH_SHARE, MOST_SEARCH_SOLVES = 4, 30
@@ -192,8 +194,9 @@ def certify(
         if evaluator.failures is not None:
             evaluator.failures.max_failures = 1.0  # judged below, no reason to stop
         certificate, rows, emulated = judge_draws(
-            chain, judged, evaluator, solves, again, settled, max_failures, rng
-        )
+            chain, judged, evaluator, approximate, solves, again, settled,
+            max_failures, rng,
+        )  # fmt: skip
     if not known:
         certificate = replace(certificate, notes=(*certificate.notes, UNKNOWN))
     return certificate.sealed(posterior, rows, emulated, again, again)
@@ -203,6 +206,7 @@ def judge_draws(
     chain: EmulatedChain,
     judged: tuple[list[str], list[str]],
     evaluator: Evaluation,
+    approximate: LogPosterior | None,
     solves: int,
     again: int,
     settled: bool | None,
@@ -217,6 +221,7 @@ def judge_draws(
         chain: The chain of the emulated posterior.
         judged: What :func:`judge_chain` said of it.
         evaluator: Of the true posterior, by which nothing was solved yet.
+        approximate: The emulated posterior; None if only its chain is known.
         solves: How many full solves there are for draws and climbs.
         again: How many of these are left for the judgement of the fit.
         settled: Whether the emulator settled; None if that is not known.
@@ -228,21 +233,24 @@ def judge_draws(
     most = min(solves // SEARCH_SHARE, MOST_SEARCH_SOLVES)
     maxima, lost = _look_elsewhere(chain, evaluator, most, rng)
     climbed = evaluator.failed
-    places, counts = chain.choose(solves - evaluator.solves - again, rng)
-    theta, emulated = chain.draws[places], chain.log_posterior[places]
+    left = solves - evaluator.solves - again
+    theta, emulated, log_shares, narrow = _choose_draws(chain, approximate, left, rng)
     rows = np.array([row for _, row in sorted(evaluator.each(theta))])
     n, log_posterior = len(theta), rows[:, 0]
-    counted = log_posterior - emulated + np.log(counts)
-    efficiency = kish_share(counted)
+    ratios = log_posterior - emulated
+    counted = log_shares + ratios
+    log_ratio, possible = float(logsumexp(counted)), bool(counted.max() > -np.inf)
+    worth = n * kish_share(counted)
+    # That of draws of the emulated posterior alone.
+    squares = logsumexp(counted + ratios)
+    efficiency = float(np.exp(2 * log_ratio - squares)) if possible else 0.0
     smoothed, pareto_k = smooth_tail(counted)
-    log_ratio = float(logsumexp(counted) - np.log(counts.sum()))
     if efficiency < EQUAL_WEIGHTS and pareto_k <= GOOD_K:
         counted = smoothed
     weights, moments = np.zeros(n), np.full((len(MOMENTS), len(chain.names)), np.nan)
-    possible = bool(counted.max() > -np.inf)
     if possible:
         weights = softmax(counted)
-        moments = correct_moments(chain, theta, counts / counts.sum(), weights)
+        moments = correct_moments(chain, theta, np.exp(log_shares), weights)
     if (failed := evaluator.failed - climbed) > max_failures * n:
         faults.append(f"{failed} of {n} draws could not be solved")
     named: dict[str, Any] = dict(zip(MOMENTS, moments, strict=True))
@@ -251,7 +259,7 @@ def judge_draws(
         solves=evaluator.solves,
         failed_solves=evaluator.failed,
         efficiency=efficiency,
-        effective=n * efficiency / chain.excess(n),
+        effective=worth / chain.excess(n),
         settled=settled,
         pareto_k=pareto_k,
         largest=float(n * weights.max()) if possible else np.inf,
@@ -265,11 +273,50 @@ def judge_draws(
         search=_judge_climbs(maxima, lost),
         faults=tuple(faults),
         missed=find_missed(chain, maxima, theta, log_posterior, weights),
-        notes=(*warned, *_note(chain, n, len(maxima), lost, evaluator.failed)),
+        notes=(*warned, *_note(chain, n, len(maxima), lost, evaluator.failed, narrow)),
         emulated_evidence=log_evidence(chain.idata) if chain.searched else None,
         idata=chain.idata,
     )
     return certificate, rows, emulated
+
+
+def _choose_draws(
+    chain: EmulatedChain,
+    approximate: LogPosterior | None,
+    n: int,
+    rng: np.random.Generator,
+) -> tuple[Floats, Floats, Floats, str]:
+    """Return draws to be solved, three quarters of the chain, the rest of a wider law.
+
+    A region that the emulated posterior holds for less likely than it is has more of
+    these. The shares are such as draws of both laws together have as draws of the
+    emulated posterior.
+
+    Returns:
+        At most ``n`` different draws, their emulated log-posterior, the logarithms of
+        their shares, whose sum is one, and why there are none of the wider law.
+    """
+    some = slice(None, None, -(-len(chain.draws) // BRIDGED))
+    wide, why, log_ratio = np.empty((0, len(chain.names))), "", 0.0
+    low = np.empty(0)
+    if approximate is None:
+        why = "the samples do not hold the emulated posterior itself; give its run"
+    else:
+        prior = approximate.prior
+        at = chain.log_posterior[some] - prior.logpdf(chain.draws[some])
+        try:
+            number = n // SEARCH_SHARE
+            wide, low, log_ratio = draw_wider(approximate, at, number, rng)
+        except (ValueError, RuntimeError) as error:
+            why = str(error)
+    places, counts = chain.choose(n - len(wide), rng)
+    theta = np.vstack([chain.draws[places], wide])
+    emulated = np.append(chain.log_posterior[places], low)
+    log_shares = np.log(np.append(counts, np.ones(len(wide))))
+    if len(wide):
+        raised = log_ratio - (1 - WIDER_POWER) * (emulated - prior.logpdf(theta))
+        log_shares -= np.logaddexp(0.0, raised + np.log(len(wide) / counts.sum()))
+    return theta, emulated, log_shares - logsumexp(log_shares), why
 
 
 def _has_settled(idata: InferenceData, approximate: LogPosterior | None) -> bool | None:
@@ -331,7 +378,12 @@ def judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
 
 
 def _note(
-    chain: EmulatedChain, n: int, arrived: int, lost: list[str], failed: int
+    chain: EmulatedChain,
+    n: int,
+    arrived: int,
+    lost: list[str],
+    failed: int,
+    narrow: str,
 ) -> list[str]:
     """Return further remarks on ``n`` solved draws, in sentences."""
     sentences = []
@@ -341,6 +393,8 @@ def _note(
             "the emulator does not know: cut the prior to where the model can be "
             "solved, and emulate again."
         )
+    if narrow:
+        sentences.append(f"No draw of a wider emulated posterior was solved: {narrow}.")
     if chain.size < 2 * n:
         sentences.append(
             f"The emulated chain is worth {chain.size:.0f} independent draws only, for "

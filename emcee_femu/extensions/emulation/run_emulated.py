@@ -24,7 +24,9 @@ from .emulate import SETTLED, TOLERANCE, Emulation, emulate, plan
 from .emulated import EmulatedModel
 from .emulated_chain import EmulatedChain
 
-CERTIFIED_BY = 40  # solves of a certificate: of thirty draws, and of climbs
+# Solves of a certificate: of climbs, 27 draws of the chain, and nine of a wider one.
+CERTIFIED_BY = 48
+DRAWS = 2_000  # effective ones of the emulated posterior, which cost no solve
 KEPT = 1  # solve that is kept for the prior mean, which tables of weighted draws show
 MOST_FAILED = 0.2  # share of the draws of a certificate
 GROWTH = 0.25  # of the points between two certificates, whose draws are among them
@@ -182,7 +184,7 @@ def _certify(
     seed, left = emulation.design.seed, solves - KEPT - archive.solves
     size = CERTIFIED_BY if left >= 2 * CERTIFIED_BY else left
     approximate = checks.instance("posterior", emulator.posterior, LogPosterior)
-    chains = run(approximate, seed=seed + number, progress=False)
+    chains = run(approximate, ess=DRAWS, seed=seed + number, progress=False)
     idata, _ = read_samples(chains, judged=True)
     rng = np.random.default_rng([seed, number, CERTIFYING])
     evaluator = RecalledEvaluation(emulation.problem, archive)
@@ -191,8 +193,17 @@ def _certify(
     limits = size + again, again, emulator.settled, MOST_FAILED
     chain = EmulatedChain(idata, true.prior, rng)
     judged = judge_chain(idata)
-    found, rows, at_draws = judge_draws(chain, judged, evaluator, *limits, rng)
+    found, rows, at_draws = judge_draws(
+        chain, judged, evaluator, approximate, *limits, rng
+    )
     told = f"{archive.solves} of {solves} solves led to certificate {number + 1}."
+    if not emulator.settled and found.weights.any():
+        error = emulation.true_error(emulator, found.theta, found.weights)
+        found = replace(found, settled=error <= TOLERANCE)
+        told += (
+            f" The emulator had not settled; at the draws of the certificate its true "
+            f"error is {error:.2g} measurement errors, and {TOLERANCE:g} is enough."
+        )
     if found.short != CERTIFIED:
         told += _look_ahead(emulation, solves)
     notes = told, *found.notes
@@ -244,7 +255,7 @@ def _run_joint(
         error.add_note(f"the rest is shared by {number} experiments")
         raise
     approximate = checks.instance("posterior", emulated.posterior, LogPosterior)
-    chains = run(approximate, seed=options["seed"], progress=False)
+    chains = run(approximate, ess=DRAWS, seed=options["seed"], progress=False)
     left = min(solves - KEPT - emulated.solves, 2 * CERTIFIED_BY)
     own = "derivatives", "starts", "cheap"  # of emulate
     how = {name: value for name, value in options.items() if name not in own}
