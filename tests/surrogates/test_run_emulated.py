@@ -120,6 +120,16 @@ def test_a_budget_that_does_not_reach_is_never_exceeded_and_says_so(refused, tmp
 
 
 @SLOW
+def test_the_draws_prove_an_emulator_that_had_no_solves_left_to_settle():
+    found = [ef.run_emulated(posed(), LEAST, seed=seed) for seed in range(1, 5)]
+    assert not all(each.emulated.settled for each in found)
+    for each in found:  # whose errors at the draws are some 1e-4
+        assert each.short == "certified" and each.settled
+        said = "had not settled" in unwrapped(each)
+        assert said == (not each.emulated.settled)
+
+
+@SLOW
 def test_an_emulator_that_is_not_certified_learns_from_the_draws(monkeypatch):
     """It is made to believe that it settled at once, and is certified twice."""
     monkeypatch.setattr(module, "TOLERANCE", 1e9)

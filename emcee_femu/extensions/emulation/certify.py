@@ -79,19 +79,22 @@ def certify(
 
     Use it after :func:`emulate` and :func:`run`, or with any other approximate model.
     Draws are taken from the chain at equal intervals, without repeats, and solved
-    with the full model. Importance weights then correct the emulated posterior:
+    with the full model. If the run itself is given, a quarter of the draws are of a
+    wider emulated posterior, :math:`p \tilde L^{1/4}`, where a region that the emulator
+    underrates has a larger share. Importance weights then correct the emulated
+    posterior:
 
-    .. math:: w_i = \frac{p(\theta_i) L(\theta_i)}{\tilde p(\theta_i)}, \qquad
+    .. math:: w_i = \frac{p(\theta_i) L(\theta_i)}{q(\theta_i)}, \qquad
         \hat f = \sum_i w_i f(\theta_i) \Big/ \sum_i w_i
 
-    where :math:`p L` is the true and :math:`\tilde p` the emulated posterior, which is
-    stored in ``idata``. Corrected means and standard deviations are those of the whole
-    chain, plus the change that the weights make at the solved draws. The verdict is one
-    of
+    where :math:`p L` is the true posterior and q the law of all draws together.
+    Corrected means and standard deviations are those of the whole chain, plus the
+    change that the weights make at the solved draws. The verdict is one of
 
-    - *certified*: the efficiency (effective share) of the weights is at least 0.9, and
-      means and standard deviations are right to a tenth of a standard deviation; for
-      the latter, two standard errors of the difference are included;
+    - *certified*: the efficiency (effective share) of the weights is at least 0.9, as
+      it would be at draws of the emulated posterior alone, and means and standard
+      deviations are right to a tenth of a standard deviation; for the latter, two
+      standard errors of the difference are included;
     - *corrected*: the emulated posterior is not good enough, but the weights correct
       it;
     - *refused*: the weights are unreliable, part of the posterior is missing, the
@@ -108,11 +111,11 @@ def certify(
     not settle may exclude what no draw shows, so its posterior is refused however equal
     the weights are. A run on the emulated posterior knows whether it settled, and so
     does its ArviZ object, also if read back from netCDF; a finding says where it is not
-    known. Three more checks look for what is excluded. The emulator's bounds must
-    contain at least 99 % of the prior. The draws must not pile up at a bound that the
-    prior does not have. And climbs of the true posterior, which take a quarter of the
-    solves and at most 30, start from draws of
-    the prior away from the chain. A narrow mode that no climb approaches remains
+    known. Four more checks look for what is excluded. The wider draws. The emulator's
+    bounds must contain at least 99 % of the prior. The draws must not pile up at a
+    bound that the prior does not have. And climbs of the true posterior, which take a
+    quarter of the solves and at most 30, start from draws of the prior away from the
+    chain. A narrow mode that neither a climb nor a wider draw comes near remains
     undetected.
 
     Weights cannot recover regions that the chain never visited either. A chain that
@@ -122,7 +125,7 @@ def certify(
 
     Args:
         idata: The run on the emulated posterior, or its :func:`to_inference_data`
-            without burn-in.
+            without burn-in, which has no draws of the wider posterior.
         posterior: The true posterior, with the same parameters.
         solves: Number of full solves to spend on draws and climbs, at least 10.
         seed: A whole number; the same seed gives the same certificate.
@@ -182,6 +185,7 @@ def certify(
     chain = EmulatedChain(idata, posterior.prior, rng)
     asked = {"moves": "certify", "solves": solves, "seed": seed}
     asked["emulated draws"] = chain.draws
+    asked["wider draws"] = approximate is not None
     judged = judge_chain(idata)  # before a solve is spent, for it may raise
     how = workers, pool, on_failure, max_failures, backend, resume, probe_tolerance
     again = min(SOLVED_AGAIN, solves // JUDGED_SHARE) * needs_solves(posterior)

@@ -56,19 +56,22 @@ def run_emulated(
     """Sample a posterior whose model is slow, from few full solves in one call.
 
     Use it if a solve takes a second or more. It calls the three functions that you can
-    also call one by one: :func:`emulate` until the emulator has settled or 40 solves
+    also call one by one: :func:`emulate` until the emulator has settled or 48 solves
     are left, :func:`run` on the emulated posterior, which costs no solve, and
-    :func:`certify` with 40 solves. If the emulated posterior is not certified, the
+    :func:`certify` with 48 solves. If the emulated posterior is not certified, the
     emulator learns from the draws of the certificate too, gets a quarter as many points
     again, and is certified anew, while solves last. The best verdict is returned,
     and the last of those that are equally good.
 
-    Typical cost: 40 solves more than :func:`emulate` takes. "A posterior in few solves,
+    An emulator that the budget did not let settle is certified only if its true error
+    is within the tolerance at the draws of the certificate.
+
+    Typical cost: 48 solves more than :func:`emulate` takes. "A posterior in few solves,
     measured" has numbers. The result is the same to the bit for the same seed, with or
     without a file, and if the call was stopped and resumed.
 
     The experiments of :meth:`LogPosterior.joint` share the solves in equal parts and
-    are emulated once; the certificate has the rest, at most 80, of which each solves
+    are emulated once; the certificate has the rest, at most 96, of which each solves
     all experiments.
 
     Args:
