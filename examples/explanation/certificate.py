@@ -88,7 +88,7 @@ ef.parameter_table(certificates["a little off"].idata)
 paper = ef.paper.mass_spring().posterior
 few = ef.emulate(paper, solves=14, seed=906, derivatives=False)
 run = ef.run(few.posterior, steps=300, seed=1)
-unsettled = ef.certify(run, paper, solves=100, seed=1)
+unsettled = ef.certify(ef.to_inference_data(run), paper, solves=100, seed=1)
 true_sd = float(ef.to_inference_data(ef.run(paper, seed=1))["posterior"]["k4"].std())
 print(unsettled.verdict)
 said, error = unsettled.sd[2], unsettled.sd_error[2]
