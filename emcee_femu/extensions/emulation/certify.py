@@ -57,6 +57,10 @@ UNKNOWN = (
     "If emulate made this posterior, its samples do not say whether its errors were "
     "within the tolerance; those of a run on the posterior that it returned do."
 )
+ONLY_CHAIN = (
+    "All draws are of the chain, since its samples do not hold the emulated posterior "
+    "itself; give certify the run, and a quarter is of a wider emulated posterior."
+)
 MOMENTS = "mean", "mean_error", "sd", "sd_error", "off_error"  # in their order
 
 
@@ -277,7 +281,7 @@ def judge_draws(
         search=_judge_climbs(maxima, lost),
         faults=tuple(faults),
         missed=find_missed(chain, maxima, theta, log_posterior, weights),
-        notes=(*warned, *_note(chain, n, len(maxima), lost, evaluator.failed, narrow)),
+        notes=(*warned, *narrow, *_note(chain, n, len(maxima), lost, evaluator.failed)),
         emulated_evidence=log_evidence(chain.idata) if chain.searched else None,
         idata=chain.idata,
     )
@@ -289,7 +293,7 @@ def _choose_draws(
     approximate: LogPosterior | None,
     n: int,
     rng: np.random.Generator,
-) -> tuple[Floats, Floats, Floats, str]:
+) -> tuple[Floats, Floats, Floats, list[str]]:
     """Return draws to be solved, three quarters of the chain, the rest of a wider law.
 
     A region that the emulated posterior holds for less likely than it is has more of
@@ -298,13 +302,12 @@ def _choose_draws(
 
     Returns:
         At most ``n`` different draws, their emulated log-posterior, the logarithms of
-        their shares, whose sum is one, and why there are none of the wider law.
+        their shares, whose sum is one, and a sentence if none are of the wider law.
     """
     some = slice(None, None, -(-len(chain.draws) // BRIDGED))
-    wide, why, log_ratio = np.empty((0, len(chain.names))), "", 0.0
-    low = np.empty(0)
+    wide, low, narrow = np.empty((0, len(chain.names))), np.empty(0), list[str]()
     if approximate is None:
-        why = "the samples do not hold the emulated posterior itself; give its run"
+        narrow = [ONLY_CHAIN]
     else:
         prior = approximate.prior
         at = chain.log_posterior[some] - prior.logpdf(chain.draws[some])
@@ -312,7 +315,7 @@ def _choose_draws(
             number = n // SEARCH_SHARE
             wide, low, log_ratio = draw_wider(approximate, at, number, rng)
         except (ValueError, RuntimeError) as error:
-            why = str(error)
+            narrow = [f"No wider emulated posterior could be drawn from: {error}."]
     places, counts = chain.choose(n - len(wide), rng)
     theta = np.vstack([chain.draws[places], wide])
     emulated = np.append(chain.log_posterior[places], low)
@@ -320,7 +323,7 @@ def _choose_draws(
     if len(wide):
         raised = log_ratio - (1 - WIDER_POWER) * (emulated - prior.logpdf(theta))
         log_shares -= np.logaddexp(0.0, raised + np.log(len(wide) / counts.sum()))
-    return theta, emulated, log_shares - logsumexp(log_shares), why
+    return theta, emulated, log_shares - logsumexp(log_shares), narrow
 
 
 def _has_settled(idata: InferenceData, approximate: LogPosterior | None) -> bool | None:
@@ -382,12 +385,7 @@ def judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
 
 
 def _note(
-    chain: EmulatedChain,
-    n: int,
-    arrived: int,
-    lost: list[str],
-    failed: int,
-    narrow: str,
+    chain: EmulatedChain, n: int, arrived: int, lost: list[str], failed: int
 ) -> list[str]:
     """Return further remarks on ``n`` solved draws, in sentences."""
     sentences = []
@@ -397,8 +395,6 @@ def _note(
             "the emulator does not know: cut the prior to where the model can be "
             "solved, and emulate again."
         )
-    if narrow:
-        sentences.append(f"No draw of a wider emulated posterior was solved: {narrow}.")
     if chain.size < 2 * n:
         sentences.append(
             f"The emulated chain is worth {chain.size:.0f} independent draws only, for "
