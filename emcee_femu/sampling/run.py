@@ -14,22 +14,16 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..contracts import Floats
+from ..evaluation.ensemble import Sampler
 from ..evaluation.evaluator import Bar, Evaluation
+from ..evaluation.memory import Weighted, copy_moves, foreign_moves
+from ..evaluation.progress import check_progress, complete, progress_bar
 from ..evaluation.resume import StoredEvaluation, logger, open_evaluator
-from ..evaluation.samplers import (
-    Sampler,
-    Weighted,
-    check_progress,
-    complete,
-    copy_moves,
-    foreign_moves,
-    progress_bar,
-)
+from ..evaluation.starts import check_first_solve, draw_starts, time_batch
 from ..evaluation.store import Store, StoredChain
 from ..moves.proposing import find_stock_fault, ladder_of
 from ..posterior.log_posterior import LogPosterior
 from ..search.auto import budget_of, search_and_start
-from ..search.first_solve import check_first_solve, draw_starts, time_batch
 from ..search.record import STOPPED_BY_STEPS, SearchRecord
 from ..search.settings import SETTINGS
 from .advance import sample_steps, sample_until
@@ -38,10 +32,6 @@ from .record import Run
 
 # Part of few solves for whose chain a search is made; the search has half of them.
 SIZED_BY = 3
-# Solves of a run with a search at least, which has half of them.
-FEWEST_SOLVES_OF_AUTO = 10_000
-# Solves that a run takes as a rule.
-USUAL_SOLVES = 20_000
 # Seconds of a run above which its length is announced.
 LONG_RUN = 600.0
 # Seconds of a solve below which a batch is solved to know them better.
@@ -186,7 +176,7 @@ def run(
     solves = checks.whole_number(
         "solves",
         solves,
-        FEWEST_SOLVES_OF_AUTO if weighted is None and steps is None else 1,
+        SETTINGS.sized_for if weighted is None and steps is None else 1,
     )
     seed = checks.whole_number("seed", seed)
     thin_by = checks.whole_number("thin_by", thin_by, 1)
@@ -204,11 +194,9 @@ def run(
         search: SearchRecord | None = None
         sizes = _size_search(steps, solves, each)
         if store is None or not store.lengths().get(1):
-            _warn_if_long(
-                evaluator,
-                seconds,
-                sizes[0] * (2 if weighted is None else 1) if steps else USUAL_SOLVES,
-            )
+            chain = sizes[0] if steps else SETTINGS.sized_for
+            auto = weighted is None or not steps  # as much again for the search
+            _warn_if_long(evaluator, seconds, (1 + auto) * chain)
         # 3. Search, or draw the starts.
         if weighted is None:
             search, states = _search(evaluator, store, shape, *sizes, points, progress)

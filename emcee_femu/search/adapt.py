@@ -21,10 +21,8 @@ from .proposal import CARRIER, Component, Proposal, add_components
 REFINING_ROUNDS = 12
 # Effective share of a round's draws that ends the refinement.
 GOOD_SHARE = 0.9
-# Effective share from which a heavy tail of the weights counts little.
+# Effective share from which a few per cent more are not worth another round.
 HIGH_SHARE = 0.8
-# Pareto k of a tail that is not heavy.
-FAIR_K = 0.4
 # Gain of the effective share, as a ratio, that two rounds without end the refinement.
 GAIN_OF_ROUND = 1.05
 # Weight of a new component.
@@ -54,7 +52,7 @@ def adapt(campaign: Campaign) -> None:
         drafts.append(draft)
         if not len(archive.x):
             break
-        enough = c.evaluator.solves >= most or _is_enough(drafts)
+        enough = c.evaluator.solves >= most or _is_enough(c, drafts)
         lost = _find_lost(c, restored) if enough else []
         if enough and not lost:
             break
@@ -110,17 +108,19 @@ def judge(campaign: Campaign) -> None:
     c.draft = Draft(c.proposal, *c.draw(c.proposal.law, c.sizes.judged))
 
 
-def _is_enough(drafts: list[Draft]) -> bool:
+def _is_enough(campaign: Campaign, drafts: Sequence[Draft]) -> bool:
     """Return whether a proposal is as good as can be.
 
-    Or two rounds were without a gain, and there is no heavy tail that counts.
+    Or two rounds were without a gain, and it is good already, or so poor that
+    polynomials will do better. Between these the chain would pay for what it lacks.
     """
     shares = [draft.efficiency for draft in drafts]
     if shares[-1] > GOOD_SHARE:
         return True
     earlier = shares[:-2]  # the first may be good by chance
     settled = len(earlier) > 1 and max(shares[-2:]) < GAIN_OF_ROUND * max(earlier)
-    return settled and (drafts[-1].pareto_k < FAIR_K or shares[-1] > HIGH_SHARE)
+    poor = campaign.bendable and shares[-1] < campaign.settings.bent
+    return settled and (shares[-1] > HIGH_SHARE or poor)
 
 
 def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]:

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.special import softmax
 
 from ..contracts import Floats
+from ..evaluation.ensemble import start_state
 from ..evaluation.evaluator import Evaluation
-from ..evaluation.samplers import start_state
 from ..moves import HamiltonianMove
 from ..moves.mixture import PER_PARAMETER
 from ..posterior.followed_modes import follow_modes
@@ -21,7 +21,7 @@ from .explore import explore
 from .importance import find_acceptance, resample
 from .ledger import Kept, Ledger
 from .proposal import assign
-from .record import HAMILTONIAN, SearchRecord, weigh
+from .record import BEST_SHARE, SearchRecord, weigh
 from .response_surface import SURFACE_COST, learn_surface
 from .settings import SETTINGS
 from .tails import follow_tails
@@ -41,10 +41,6 @@ POPULATION = 1_000
 TUNING_DRAWS = 24
 # Solves that this takes at most, for which a budget has to be twice as large.
 TUNING = 14_000
-# Share of independence proposals with polynomials, which are wrong in places: a walker
-# that waits there leaves by the other moves. (H structure, beta 500, 200 steps, 5
-# seeds: at most 77 instead of 139.)
-SCREENED_SHARE = 0.8
 
 
 def budget_of(evaluations: int) -> int:
@@ -243,12 +239,12 @@ def _record(
         log_c = c.surface(draft.theta)
         accepted = find_acceptance(log_c, draft.log_q, draft.log_q)
         screened = min(int(np.ceil(SCREENED / accepted)), MOST_SCREENED)
-        share = SCREENED_SHARE
+        share = BEST_SHARE
     if c.by_gradients:
         with c.ledger.charge("tune"):
             trajectories = _tune_trajectories(c, np.concatenate(starts))
         # For jumps between maxima.
-        share = (1 - HAMILTONIAN) / 2 if count > 1 else 0.0
+        share = (1 - BEST_SHARE) / 2 if count > 1 else 0.0
     weights, errors = weigh(draft.owner, draft.log_weights, count)
     owned = draft.owner[:, None] == np.arange(count)
     height = np.where(owned, draft.log_p[:, None], -np.inf)

@@ -12,23 +12,20 @@ from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
 from ..moves.mixture import Mixture
 from ..posterior.log_posterior import LogPosterior
+from ..posterior.priors import prior_centre
 from .archive import Archive, Draft
 from .coordinates import Coordinates
 from .ledger import Ledger
 from .maxima import Maxima
 from .proposal import Component, Proposal
 from .record import Annealed
-from .response_surface import ResponseSurface
+from .response_surface import ResponseSurface, degree_of
 from .settings import SETTINGS, Settings
 
-# Parameters at most of a posterior for which polynomials of the response are learned.
-MOST_QUADRATIC = 30
 # Factor of the weights of components for tails and carriers where a mixture fits so
 # badly that polynomials are learned from its draws, which must reach the ends of a
 # ridge. (Of 14 buildings of ten storeys 13 converged; without it 10.)
 WEIGHED_WHERE_BENT = 2.0
-# Draws of the prior whose median is well inside it.
-MEDIAN_DRAWS = 1_000
 # Acceptance of independence proposals below which other moves do better.
 POOR_ACCEPTANCE = 0.2
 
@@ -103,8 +100,7 @@ class Campaign:
         """
         prior = self.posterior.prior
         logs = Coordinates.positive(prior).logs
-        theta = np.median(prior.sample(np.random.default_rng(0), MEDIAN_DRAWS), axis=0)
-        at_zero = np.where(np.eye(len(theta), dtype=bool), 0.0, theta)
+        at_zero = np.where(np.eye(len(logs), dtype=bool), 0.0, prior_centre(prior))
         with np.errstate(all="ignore"):
             logs &= np.isneginf(prior.logpdf(at_zero))
         return (None, logs) if logs.any() else (None,)
@@ -115,10 +111,14 @@ class Campaign:
         return self.evaluator.posterior
 
     @property
+    def bendable(self) -> bool:
+        """Whether polynomials of the response can be learned."""
+        return self.posterior.normal and degree_of(self.posterior.ndim) > 1
+
+    @property
     def bent(self) -> bool:
-        """Whether polynomials of the response may do better than mixtures."""
-        few = self.posterior.normal and self.posterior.ndim <= MOST_QUADRATIC
-        return few and self.first_share < self.settings.bent
+        """Whether they may do better than mixtures."""
+        return self.bendable and self.first_share < self.settings.bent
 
     @property
     def heavy(self) -> float:

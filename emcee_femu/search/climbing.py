@@ -33,12 +33,11 @@ NOISE_OF_TOP = 0.1
 # Steps of a climb at most.
 MOST_STEPS = 100
 # Ratios of the actual gain to the predicted one: below the first the radius shrinks,
-# above the second it grows.
+# above the second the whole step of the quadratic is tried again.
 GAIN_POOR = 0.25
 GAIN_GOOD = 0.75
-# Factors of the step by which the radius shrinks and grows.
+# Factor of the step by which the radius shrinks.
 SHORTER = 0.25
-LONGER = 3.0
 # Width of a posterior at least, by that of the prior: no data make it as narrow, and
 # rounded frequencies would stop a climb at a tenth of it. So near a bound a point is on
 # it.
@@ -166,7 +165,7 @@ class Climb:
             if gained < GAIN_POOR:
                 self.radius = SHORTER * length
             elif gained > GAIN_GOOD:
-                self.radius = max(self.radius, LONGER * length)
+                self.radius = np.inf
         elif local.fresh:
             self.radius = SHORTER * length
         else:

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from ..contracts import Floats
 from ..moves.mixture import Mixture
 from ..posterior.log_posterior import LOG_POSTERIOR
+from ..posterior.plausibility import doubt_reach
 from ..posterior.priors import summarize_prior
 from .campaign import Campaign
 from .climbing import climb
-from .first_solve import doubt_reach
 from .proposal import Proposal
 from .shoulders import UNEXPLAINED, find_shoulders
 
@@ -39,8 +39,6 @@ SHARE_TESTED = 0.1
 CLIMBED_AT_ONCE = 24
 # Ratio of the widths of two scans about the maxima, one wider than the other.
 SCAN_WIDENS = 2.0
-# Scans about the maxima at most.
-MOST_SCANS = 6
 
 
 def explore(campaign: Campaign) -> None:
@@ -194,10 +192,10 @@ class _Exploration:
         spread = summarize_prior(self.evaluator.posterior.prior)[1]
         widths = np.sqrt(np.diagonal(mixture.matrices, axis1=1, axis2=2))
         ratio = float((spread / widths).max())
-        factors = SCAN_WIDENS ** np.arange(1, MOST_SCANS + 1)
+        count = max(int(np.ceil(np.log(ratio) / np.log(SCAN_WIDENS))), 1)
         return [
-            replace(mixture, matrices=mixture.matrices * factor**2)
-            for factor in factors[factors < ratio]
+            replace(mixture, matrices=mixture.matrices * SCAN_WIDENS ** (2 * step))
+            for step in range(1, count)
         ]
 
     def _choose(self, excess: Floats, tested: NDArray[np.bool_]) -> list[int]:

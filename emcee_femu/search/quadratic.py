@@ -25,13 +25,15 @@ def log_integral(
     """
     values, vectors = np.linalg.eigh(curvature)  # an inverse might be rounded worse
     covariance: Floats = (vectors / values) @ vectors.T
-    mean = covariance @ gradient
-    log_determinant = np.log(values).sum()
-    whole = 0.5 * (len(mean) * np.log(2 * np.pi) - log_determinant + gradient @ mean)
+    mean, d = covariance @ gradient, len(gradient)
+    log_scale = 0.5 * (d * np.log(2 * np.pi) - np.log(values).sum())
     if is_inside(mean, covariance, low, high):
-        return float(whole)
-    log_weights = draw_inside(mean, covariance, low, high)[1]
-    return float(whole + special.logsumexp(log_weights) - np.log(BOX_DRAWS))
+        return float(log_scale + 0.5 * gradient @ mean)
+    top, gain = step_within(gradient, curvature, low, high)
+    slope = gradient - curvature @ top
+    log_weights = _draw_about(top, slope, mean, covariance, low, high)[1]
+    mean_weight = special.logsumexp(log_weights) - np.log(BOX_DRAWS)
+    return float(gain + log_scale + mean_weight)
 
 
 def moments_inside(
@@ -40,8 +42,7 @@ def moments_inside(
     """Return mean and covariance of a Gaussian cut at bounds, by Monte Carlo."""
     if is_inside(mean, covariance, low, high):
         return mean, covariance
-    draws, log_weights = draw_inside(mean, covariance, low, high)
-    weights = special.softmax(log_weights)
+    draws, weights = draw_inside(mean, covariance, low, high)
     centre = weights @ draws
     return centre, (draws - centre).T * weights @ (draws - centre)
 
@@ -55,35 +56,89 @@ def is_inside(mean: Floats, covariance: Floats, low: Floats, high: Floats) -> bo
 def draw_inside(
     mean: Floats, covariance: Floats, low: Floats, high: Floats
 ) -> tuple[Floats, Floats]:
-    """Return draws of a Gaussian inside a box and the logs of their weights.
+    """Return draws of a Gaussian inside a box, and their weights, which sum to one."""
+    curvature = np.asarray(np.linalg.inv(covariance), np.float64)
+    top = mean + step_within(np.zeros_like(mean), curvature, low - mean, high - mean)[0]
+    slope = curvature @ (mean - top)
+    draws, log_weights = _draw_about(top, slope, mean, covariance, low, high)
+    return draws, special.softmax(log_weights)
+
+
+def _draw_about(
+    top: Floats,
+    slope: Floats,
+    mean: Floats,
+    covariance: Floats,
+    low: Floats,
+    high: Floats,
+) -> tuple[Floats, Floats]:
+    r"""Return draws of a Gaussian inside a box, and the logs of their weights.
+
+    The mean of the weights is the integral over the box of the density relative to that
+    at ``top``, over that of the whole Gaussian relative to its largest. Each coordinate
+    is drawn given those before, with the slope that the density has there at the top of
+    the box. Without that slope, those before would be drawn as if later bounds took
+    nothing away, which fails where the mean is far outside several bounds.
+
+    Args:
+        top: Where the Gaussian is largest inside the box.
+        slope: The gradient of its logarithm there.
+        mean: Its mean.
+        covariance: Its covariance.
+        low: The lower ends of the box.
+        high: The upper ends.
 
     Source: the simulator of Geweke, Hajivassiliou and Keane; Börsch-Supan and
-    Hajivassiliou (1993), doi:10.1016/0304-4076(93)90098-C.
+    Hajivassiliou (1993), doi:10.1016/0304-4076(93)90098-C. The slopes are a choice of
+    what Botev (2017), doi:10.1111/rssb.12162, finds by optimization.
     """
     room = np.minimum(mean - low, high - mean) / np.sqrt(np.diag(covariance))
     order = np.argsort(room)  # the tightest first, for least scatter
     root = np.linalg.cholesky(covariance[np.ix_(order, order)])
+    alone = np.diag(root) * slope[order]
+    pushed = root.T @ slope[order] - alone  # by the bounds of later coordinates
     uniform = np.random.default_rng(0).random((BOX_DRAWS, len(mean)))
     white = np.zeros_like(uniform)
     draws = np.empty_like(uniform)
     log_weights = np.zeros(BOX_DRAWS)
     for i, j in enumerate(order):
-        centre, spread = mean[j] + white[:, :i] @ root[i, :i], root[i, i]
+        centre, spread = top[j] + white[:, :i] @ root[i, :i], root[i, i]
         ends = (low[j] - centre) / spread, (high[j] - centre) / spread
-        log_mass, white[:, i] = _cut_normal(*ends, uniform[:, i])
+        log_mass, white[:, i] = _cut_normal(*ends, alone[i], uniform[:, i])
         draws[:, j] = centre + spread * white[:, i]
-        log_weights += log_mass
+        log_weights += log_mass + pushed[i] * white[:, i]
     return draws, log_weights
 
 
-def _cut_normal(low: Floats, high: Floats, uniform: Floats) -> tuple[Floats, Floats]:
-    """Return log-mass and draws of standard normals cut at ``low`` and ``high``."""
-    mirrored = low > 0  # the lower tail keeps its digits
+def _cut_normal(
+    low: Floats, high: Floats, slope: float, uniform: Floats
+) -> tuple[Floats, Floats]:
+    r"""Return log-masses and draws of normals cut at ``low`` and ``high``.
+
+    .. math:: \frac{1}{\sqrt{2 \pi}} \int \exp(s w - \tfrac12 w^2) \, dw
+
+    However steep the slope s is, no digits are lost to the square of it.
+    """
+    mirrored = low > slope  # the lower tail keeps its digits
     a, b = np.where(mirrored, -high, low), np.where(mirrored, -low, high)
-    start, stop = special.log_ndtr(a), special.log_ndtr(b)
-    ratio = np.exp(start - stop)
-    draws = special.ndtri_exp(stop + np.log(uniform + (1 - uniform) * ratio))
-    return stop + np.log1p(-ratio), np.where(mirrored, -draws, draws)
+    s = np.where(mirrored, -slope, slope)
+    start, stop, outside = a - s, b - s, b < s
+    with np.errstate(all="ignore"):  # of the branch not taken
+        scaled = [np.log(0.5 * special.erfcx(-x / 2**0.5)) for x in (start, stop)]
+        log_ratio = np.where(
+            outside,
+            scaled[0] - scaled[1] + 0.5 * (b - a) * (start + stop),
+            special.log_ndtr(start) - special.log_ndtr(stop),
+        )
+        log_mass = np.where(
+            outside,
+            scaled[1] + b * (s - b / 2),
+            special.log_ndtr(stop) + s**2 / 2,
+        )
+    ratio = np.exp(log_ratio)
+    below = special.log_ndtr(stop) + np.log(uniform + (1 - uniform) * ratio)
+    draws = np.clip(s + special.ndtri_exp(below), a, b)
+    return log_mass + np.log1p(-ratio), np.where(mirrored, -draws, draws)
 
 
 def make_positive(curvature: Floats) -> Floats:

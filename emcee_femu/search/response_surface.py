@@ -40,25 +40,15 @@ SURFACE_SOLVES = 600
 SURFACE_COST = SOLVES_PER_TERM * MOST_TERMS + SURFACE_ROUNDS * SURFACE_SOLVES
 # Draws of a mixture from which walkers on a surface start.
 CHEAP = 8_000
-# Steps of these walkers before the first one that is kept, steps between those that are
-# kept, and how many are kept.
+# Steps of these walkers.
 SURFACE_STEPS = 60
-SURFACE_THIN = 20
-SURFACE_KEPT = 10
 # Share of independent proposals among these steps.
 INDEPENDENT = 0.3
-# Temperatures of walkers on a surface, and the share of each in the proposal. Hot ones
-# see tails that draws of the posterior hardly meet, where a walker would stay long.
+# Temperatures of walkers on a surface, with equal shares in the proposal. Hot ones see
+# tails that draws of the posterior hardly meet, where a walker would stay long.
 SURFACE_TEMPERATURES = (1.0, 2.0, 4.0)
-TEMPERATURE_SHARES = (0.5, 0.3, 0.2)
-# Times that a mixture is fitted to draws of a surface, each from the one before.
-FITS = 2
-# Degrees of freedom of its components.
-DF = 5.0
 # Log-density per parameter below the largest, from where points weigh less.
 WEIGHED_LEVEL = 2.0
-# Weight of a point at least.
-LEAST_WEIGHT = 1e-4
 # Ridge that draws coefficients to zero, relative to one point.
 COEFFICIENT_RIDGE = 1e-6
 
@@ -151,7 +141,7 @@ def fit_surface(
     targets = np.column_stack([r, np.log(sd), rest])
     units = np.column_stack([sd, np.ones_like(sd), np.ones_like(rest)])
     below = np.maximum(log_p.max() - log_p - WEIGHED_LEVEL * d, 0.0)
-    weights = np.maximum(np.exp(-below / 4), LEAST_WEIGHT)[:, None]
+    weights = np.exp(-below / 4)[:, None]
     fits = []
     for logs in (np.zeros(d, dtype=bool), prior.bounds[:, 0] >= 0):
         x = _coordinates(prior, logs).coordinates(theta)
@@ -172,6 +162,12 @@ def fit_surface(
     return min(fits, key=lambda fit: fit[0])[1]
 
 
+def degree_of(d: int) -> int:
+    """Return the degree of polynomials of d parameters; 0 if there are too many."""
+    degrees = range(1, MOST_DEGREE + 1)
+    return max((k for k in degrees if comb(d + k, k) <= MOST_TERMS), default=0)
+
+
 def learn_surface(
     evaluator: Evaluation, law: Mixture, rng: np.random.Generator
 ) -> tuple[ResponseSurface, Proposal] | None:
@@ -187,35 +183,28 @@ def learn_surface(
         no sample.
     """
     d, prior = evaluator.posterior.ndim, evaluator.posterior.prior
-    degree = max(k for k in range(1, MOST_DEGREE + 1) if comb(d + k, k) <= MOST_TERMS)
+    degree = degree_of(d)
     if (first := _solve_first(evaluator, law, rng, comb(d + degree, degree))) is None:
         return None
     theta, solved = first
     for _ in range(SURFACE_ROUNDS):
         surface = fit_surface(prior, theta, solved, degree)
-        new = np.vstack(_walk(surface, law, rng, 1))
+        new = np.vstack(_walk(surface, law, rng, SURFACE_SOLVES))
         theta = np.vstack([theta, new])
         solved = np.vstack([solved, _solve(evaluator, new)])
     surface = fit_surface(prior, theta, solved, degree)
-    for _ in range(FITS):
-        walked = _walk(surface, law, rng, SURFACE_KEPT)
-        try:
-            # A fit's own wide component would join separate maxima.
-            fits = [
-                Mixture.fit(law.coordinates(x), "auto", DF, covered=False)
-                for x in walked
-            ]
-        except ValueError:  # nearly all walkers are at one place, or far from any solve
-            return None
-        weights = [
-            share * fit.weights
-            for share, fit in zip(TEMPERATURE_SHARES, fits, strict=True)
+    try:
+        # A fit's own wide component would join separate maxima.
+        fits = [
+            Mixture.fit(law.coordinates(x), "auto", covered=False)
+            for x in _walk(surface, law, rng, CHEAP)
         ]
-        means = np.vstack([fit.means for fit in fits])
-        matrices = np.concatenate([fit.matrices for fit in fits])
-        core = Mixture(np.concatenate(weights), means, matrices, DF, law.logs)
-        proposal = Proposal.fitted(core)
-        law = proposal.law
+    except ValueError:  # nearly all walkers are at one place, or far from any solve
+        return None
+    weights = np.concatenate([fit.weights for fit in fits]) / len(fits)
+    means = np.vstack([fit.means for fit in fits])
+    matrices = np.concatenate([fit.matrices for fit in fits])
+    proposal = Proposal.fitted(Mixture(weights, means, matrices, logs=law.logs))
     return surface, proposal
 
 
@@ -248,9 +237,9 @@ def _solve_first(
 
 
 def _walk(
-    surface: ResponseSurface, law: Mixture, rng: np.random.Generator, kept: int
+    surface: ResponseSurface, law: Mixture, rng: np.random.Generator, number: int
 ) -> list[Floats]:
-    """Return draws ``(n, d)`` of a surface at each temperature, by walkers on it."""
+    """Return draws of a surface at each temperature, by so many walkers on it."""
     x = law.draw(rng, CHEAP)
     log_c, log_q = surface(x), law.log_density(x)
     independent = IndependenceMove(
@@ -263,20 +252,17 @@ def _walk(
         return surface(theta) / hot
 
     for hot in SURFACE_TEMPERATURES:
-        size = SURFACE_SOLVES // len(SURFACE_TEMPERATURES)
+        size = number // len(SURFACE_TEMPERATURES)
         start = x[resample(softmax(log_c / hot - log_q), size, rng.random())]
         sampler = emcee.EnsembleSampler(
             *start.shape, heat, args=[hot], moves=moves, vectorize=True
         )
         sampler.random_state = np.random.RandomState(rng.integers(2**31)).get_state()
         # Starts may coincide, until independent proposals part them.
-        steps = SURFACE_STEPS + SURFACE_THIN * (kept - 1)
-        sampler.run_mcmc(start, steps, skip_initial_state_check=True)
-        drawn.append(
-            sampler.get_chain(
-                discard=SURFACE_STEPS - SURFACE_THIN, thin=SURFACE_THIN, flat=True
-            )
+        state = sampler.run_mcmc(
+            start, SURFACE_STEPS, skip_initial_state_check=True, store=False
         )
+        drawn.append(state.coords)
     return drawn
 
 
