@@ -17,8 +17,8 @@ sampling      run emcee: starts, seeds, independent ensembles
 results       emcee -> ArviZ; diagnostics, evidence, tables, what the data say
 figures       by what they show
 extensions    subjects that few need, each on the stages above and on none other:
-              emulation, reduction, fe_files, fe_programs, frf, tempering, population,
-              comparison, report, paper
+              frame (with the structures of the paper), fe_programs, emulation,
+              reduction, frf, tempering, population, comparison, report
 """
 
 from importlib import import_module
@@ -35,14 +35,12 @@ from .likelihoods.frequency import FrequencyTerm as FrequencyTerm
 from .likelihoods.shape import ShapeTerm as ShapeTerm
 from .measurements import Measurements as Measurements
 from .models.assembled import AssembledModel as AssembledModel
-from .models.frame import FrameModel as FrameModel
 from .models.function import FunctionModel as FunctionModel
 from .models.geometry import Geometry as Geometry
 from .models.mass_spring import MassSpringModel as MassSpringModel
 from .models.matrix import MatrixModel as MatrixModel
 from .models.matrix import StaticModel as StaticModel
 from .models.paired import PairedModel as PairedModel
-from .models.sections import Section as Section
 from .moves import DEMCMove as DEMCMove
 from .moves import IndependenceMove as IndependenceMove
 from .moves import MetropolisMove as MetropolisMove
@@ -65,17 +63,19 @@ from .search.find_map import find_map as find_map
 if TYPE_CHECKING:  # imported when first asked for
     from . import figures as figures
     from .extensions import frf as frf
-    from .extensions import paper as paper
     from .extensions import population as population
     from .extensions.comparison.classes import compare_models as compare_models
     from .extensions.comparison.compare import compare_moves as compare_moves
     from .extensions.emulation.certify import certify as certify
     from .extensions.emulation.emulate import emulate as emulate
     from .extensions.emulation.run_emulated import run_emulated as run_emulated
-    from .extensions.fe_files.matrices import read_matrices as read_matrices
+    from .extensions.fe_programs.matrices import read_matrices as read_matrices
     from .extensions.fe_programs.opensees import from_opensees as from_opensees
     from .extensions.fe_programs.pynite import from_pynite as from_pynite
     from .extensions.fe_programs.skfem import from_skfem as from_skfem
+    from .extensions.frame import paper as paper
+    from .extensions.frame.frame import FrameModel as FrameModel
+    from .extensions.frame.sections import Section as Section
     from .extensions.population.pool_tests import pool_tests as pool_tests
     from .extensions.reduction.reduced import reduce_model as reduce_model
     from .extensions.report.report import report as report
@@ -84,17 +84,19 @@ __version__ = _version("emcee-femu")
 IMPORTED_LATER = {  # where these names are
     "figures": "figures",
     "frf": "extensions.frf",
-    "paper": "extensions.paper",
+    "paper": "extensions.frame.paper",
     "population": "extensions.population",
     "compare_models": "extensions.comparison.classes",
     "compare_moves": "extensions.comparison.compare",
     "certify": "extensions.emulation.certify",
     "emulate": "extensions.emulation.emulate",
     "run_emulated": "extensions.emulation.run_emulated",
-    "read_matrices": "extensions.fe_files.matrices",
+    "read_matrices": "extensions.fe_programs.matrices",
     "from_opensees": "extensions.fe_programs.opensees",
     "from_pynite": "extensions.fe_programs.pynite",
     "from_skfem": "extensions.fe_programs.skfem",
+    "FrameModel": "extensions.frame.frame",
+    "Section": "extensions.frame.sections",
     "pool_tests": "extensions.population.pool_tests",
     "reduce_model": "extensions.reduction.reduced",
     "report": "extensions.report.report",

@@ -19,7 +19,7 @@ PAGE = 80  # columns of a terminal, at which printed sentences are wrapped
 PRINTED = 104  # characters that A4 takes at 7 points
 CAPTION = 'style="text-align: left; caption-side: top"'
 # Columns that say how sure the one before them is: they stay beside it.
-BESIDE = {"+-", "its +-", "2.5 %", "97.5 %", "sd", "c.o.v. %", "error %"}
+BESIDE = {"+-", "its +-", "2.5 %", "97.5 %", "sd", "c.o.v. %", "error %", "MAC 5 %"}
 # A format specification for a column, or what is printed in each of its rows.
 Format: TypeAlias = str | Sequence[str]
 # Title, format and the cells.
@@ -214,7 +214,9 @@ def unit_column(units: Iterable[str], shown: Sequence[str] = ()) -> list[Column]
 
 
 def number_columns(
-    units: Iterable[str], columns: Sequence[tuple[str, ArrayLike, ArrayLike]]
+    units: Iterable[str],
+    columns: Sequence[tuple[str, ArrayLike, ArrayLike]],
+    prefixes: bool = True,
 ) -> tuple[list[Column], list[Column]]:
     """Return the column of units, and those of numbers to two digits of uncertainty.
 
@@ -224,11 +226,14 @@ def number_columns(
     Args:
         units: One for each row.
         columns: A title, numbers ``(m,)`` and their standard deviations, for each.
+        prefixes: Whether a unit may be printed with another prefix than its own.
     """
     units = list(units)
     values = np.array([np.broadcast_to(x, len(units)) for _, x, _ in columns], float)
     sizes = np.where(np.isfinite(values), np.abs(values), 0.0).max(axis=0)
     chosen = choose_units(units, sizes.tolist())
+    if not prefixes:
+        chosen = [(unit, 1.0) for unit in units]
     factors = np.array([factor for _, factor in chosen])
     numbers: list[Column] = [
         (title, show(row / factors, np.asarray(sd) / factors), row)

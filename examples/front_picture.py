@@ -5,7 +5,7 @@ The measured mode swings at the measured frequency, the model at its own: before
 updating it runs out of step with the measurement, and afterwards it stays with it.
 Colours follow the reader's light or dark theme.
 
-Run it:  python examples/front_picture.py  (20 s; writes .github/images/front.svg)
+Run it:  python examples/front_picture.py  (writes .github/images/front.svg)
 """
 
 import runpy

@@ -1,6 +1,6 @@
 """GARTEUR SM-AG19, the aircraft of COST Action F3, as beams with offsets and masses.
 
-Run it:  python examples/garteur.py   (1 s; prints mass and nominal frequencies)
+Run it:  python examples/garteur.py   (prints mass and nominal frequencies)
 
 A body, wings with drums at their tips, a fin with its tailplane: the test bed on which
 methods of updating have been compared since 1995. x points forward, y to the left, z

@@ -9,7 +9,7 @@ Gaussian relative errors of the frequencies with standard deviation beta^-1/2 = 
 (Eqs. 2.2 to 2.4). The frequencies are matched to 0.01 %, a hundred times closer than
 any stiffness (1 to 2.7 %): see the tilted ellipses.
 
-Run it:  python examples/mass_spring.py  (5 s)
+Run it:  python examples/mass_spring.py
 """
 
 import argparse

@@ -38,13 +38,17 @@ def path(tmp_path):
     return tmp_path / "run.chain"
 
 
-# Doctests that take many seconds; what they show is a law of tests/population.
-SLOW_EXAMPLES = {"pool_tests.pool_tests", "figure.plot_population"}
+# Doctests that take seconds; what they show, tests of their modules hold as laws.
+SLOW_EXAMPLES = {
+    "population.pool_tests.pool_tests",
+    "population.figure.plot_population",
+    "report.report.report",
+    "emulation.run_emulated.run_emulated",
+}
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     for item in items:
-        name = ".".join(item.name.split(".")[-2:])
-        if "extensions.population" in item.name and name in SLOW_EXAMPLES:
+        if ".".join(item.name.split(".")[-3:]) in SLOW_EXAMPLES:
             item.add_marker(pytest.mark.slow)

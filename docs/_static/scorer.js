@@ -1,9 +1,12 @@
-// What a search puts first: pages and names whose title has the word; the changelog last.
+// What a search puts first: pages and names whose titles have the most of its words, with
+// pages for users before the reference; the changelog last.
+const asked = (new URLSearchParams(location.search).get("q") || "").toLowerCase().split(/\s+/);
 var Scorer = {
-  score: ([docname, title, anchor, descr, score]) =>
-    /changelog/.test(docname) ? score - 100
-      : /^(start|tutorials|how_to)\//.test(docname) ? score + 5
-      : score,
+  score: ([docname, title, anchor, descr, score]) => {
+    if (/changelog/.test(docname)) return score - 100;
+    const named = asked.filter((word) => word && title.toLowerCase().includes(word)).length;
+    return score + 10 * named + (/^(start|tutorials|how_to)\//.test(docname) ? 5 : 0);
+  },
   objNameMatch: 11,
   objPartialMatch: 6,
   objPrio: { 0: 15, 1: 5, 2: -5 },

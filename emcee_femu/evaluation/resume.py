@@ -17,10 +17,10 @@ from .. import checks
 from ..contracts import Floats
 from ..posterior.log_posterior import Kind, LogPosterior
 from ..posterior.priors import list_laws
+from .ensemble import describe_object
 from .evaluator import Evaluation, Solver
 from .failures import FailureLog
 from .pools import open_pool
-from .samplers import describe_object
 from .store import Record, Store
 
 logger = logging.getLogger("emcee_femu")

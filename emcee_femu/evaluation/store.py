@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from ..contracts import Floats
 from ..posterior.log_posterior import Kind
 from .evaluator import Evaluation
-from .samplers import Weighted, remember, restore
+from .memory import Weighted, remember, restore
 
 FORMAT = 1
 ENTRY = "INSERT OR REPLACE INTO entry VALUES (?, ?, ?)"

@@ -9,7 +9,7 @@ imports them when they are first asked for. pyplot holds the figures, so that
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from .mode_shapes import plot_mac as plot_mac
+from .mac import plot_mac as plot_mac
 from .mode_shapes import plot_shapes as plot_shapes
 from .parameters import plot_correlation as plot_correlation
 from .parameters import plot_prior_posterior as plot_prior_posterior

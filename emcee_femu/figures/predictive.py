@@ -1,6 +1,7 @@
 """Deviations of predictions from the measurements: of each value, and of the mean."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import ceil
 from typing import TypeAlias
 
@@ -9,18 +10,17 @@ from matplotlib import ticker
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .. import checks
 from ..contracts import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..results.arviz_objects import InferenceData, dataset, samples
 from ..results.measured import (
     Measured,
-    find_experiments,
     measured_frequencies,
     measured_variables,
+    with_frequencies,
 )
 from ..results.tables import summarize
-from ..results.to_arviz import read_samples
+from ..results.to_arviz import read_samples, read_samples_and_model
 from .style import BELOW, BLUE, RED, Style, finish, subplots
 
 MOST_TICK_LABELS = 24  # below a panel
@@ -69,11 +69,11 @@ def plot_predictive(
     idata, posterior = read_samples(idata, posterior)
     parts = every = measured_variables(idata)
     if experiment is not None:
-        parts = [p for p in every if p.variable.startswith(f"{experiment}.")]
+        parts = [p for p in every if p.experiment == experiment]
     if not parts:
         there = [part.name for part in every]
         raise ValueError(
-            f"experiment: {experiment!r} has none of what was measured, {there}"
+            f"experiment: nothing was measured in {experiment!r}, only {there}"
         )
     heights = [h for p in parts for h in ([3.4] if p.mac is None else [3.4, 1.7])]
     width = float(np.clip(1.6 + 0.8 * max(len(p.labels) for p in parts), 7, 16))
@@ -145,7 +145,8 @@ def _draw_deviations(axes: Axes, part: Measured, sd: Floats) -> None:
     old, new = (f"{np.abs(x).mean():.2g} {unit}".rstrip() for x in (before, mean))
     solved = np.isfinite(before).all()  # the model may fail at the prior mean
     title = f"{old} at the prior mean, {new} updated" if solved else f"{new} updated"
-    name = part.name.replace(".", ": ", 1)
+    name = replace(part, experiment="").name
+    name = f"{part.experiment}: {name}".removeprefix(": ")
     axes.set_title(f"{name}, mean error {title}", fontsize=10)
     label = f"deviation from the\nmeasured {part.quantity}"
     axes.set_ylabel(f"{label} ({unit})" if unit else label)
@@ -229,11 +230,12 @@ def plot_tae(
         >>> figure.axes[0].get_ylabel()
         'total average error of the mean so far (%)'
     """
-    idata, posterior = read_samples(idata, posterior)
-    posterior = checks.instance("posterior", posterior, LogPosterior)
-    names = [part.name for part in measured_variables(idata)]
-    tests = find_experiments(names, "frequency") if experiment is None else []
-    curves = running_errors(idata, posterior, tests or [experiment])
+    idata, posterior = read_samples_and_model(idata, posterior)
+    tests: list[str | None] = [experiment]
+    if experiment is None:
+        every = with_frequencies(measured_variables(idata))
+        tests = [part.experiment or None for part in every] or tests
+    curves = running_errors(idata, posterior, tests)
     figure, (axes,) = subplots(1, 1, (6.4, 4.0))
     draw_errors(axes, [(*curve, {"label": name}) for name, curve in curves.items()])
     axes.set_xlabel("generation")

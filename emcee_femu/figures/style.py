@@ -18,7 +18,7 @@ from ..digits import LEAST_PLAIN, MOST_PLAIN, choose_units
 from ..results.arviz_objects import (
     InferenceData,
     dataset,
-    describe_certificate,
+    note_of,
     prior_constants,
     samples,
     unit_of,
@@ -174,7 +174,7 @@ def finish(
     figures of pyplot, so a figure that is drawn and returned would appear twice. Our
     figures leave pyplot when they are shown as a value. Scripts are not affected.
     """
-    text = "" if idata is None else describe_certificate(idata).strip(" ()")
+    text = "" if idata is None else note_of(idata)
     parts = experiment, f"{text[:1].upper()}{text[1:]}"
     if title := "\n".join(filter(None, parts)):
         figure.suptitle(title, fontsize=10)
@@ -197,3 +197,8 @@ def draw_png(figure: Figure) -> bytes:
     figure.savefig(file, format="png", dpi=160, facecolor="white")
     plt.close(figure)
     return file.getvalue()
+
+
+def show_mac(value: float, digits: int = 2) -> str:
+    """Return a MAC as 1.00 or .98."""
+    return f"{value:.{digits}f}".removeprefix("0")

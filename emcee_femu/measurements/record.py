@@ -42,7 +42,7 @@ class Measurements(Report):
             either sd or covariance.
         shape_sd: Standard deviations of (real) shapes, ``(n_sensors, n_modes)``, on the
             same scale.
-        sensors: Labels of the sensors; s1, s2, ... by default.
+        sensors: Labels of the sensors; by default those of dofs, or s1, s2, ...
         dofs: The model's DOF at each sensor, as the model names its DOFs: numbers
             from 0, or labels such as ``"3:uy"`` for a :class:`FrameModel`. None if the
             rows of the model's shapes are the sensors, in order. For a sensor that
@@ -122,8 +122,10 @@ class Measurements(Report):
                 raise ValueError(f"shapes: expected (n_sensors, {n_modes}), got {got}")
             self.n_sensors, there = len(raw), ~np.isnan(raw)
             raw[~there] = 0.0
-        self.sensors = modes.labels(sensors, self.n_sensors)
         self.dofs, signs = directions.read_dofs(dofs, self.n_sensors)
+        if sensors is None and self._has_labels:
+            sensors = [*map(str, self._labels)]
+        self.sensors = modes.labels(sensors, self.n_sensors)
         if there is not None:
             alike = np.where(modes.compares(raw, self._labels), raw, 0.0)
             phases = modes.phases(alike)
@@ -153,10 +155,13 @@ class Measurements(Report):
         return self.sensors if self.dofs is None else self.dofs.tolist()
 
     @property
+    def _has_labels(self) -> bool:
+        return self.dofs is not None and self.dofs.dtype.kind == "U"
+
+    @property
     def sensor_labels(self) -> tuple[str, ...]:
         """The sensors as statements name them, by labels of DOFs where these exist."""
-        labelled = self.dofs is not None and self.dofs.dtype.kind == "U"
-        return tuple(map(str, self._labels if labelled else self.sensors))
+        return tuple(map(str, self._labels if self._has_labels else self.sensors))
 
     @property
     def compared(self) -> Floats:

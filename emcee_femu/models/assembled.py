@@ -22,8 +22,9 @@ from ..contracts import (
 from .eigen_dense import Eigenproblem, Modes, Wanted, join
 from .eigen_sparse import DenseProblem, SparseEigenproblem
 from .geometry import Geometry
-from .inputs import Matrix, read_batch, read_matrix
+from .matrices import Matrix, read_matrix
 from .matrix import AffineModel
+from .parameter_sets import read_batch
 from .sensors import Dofs, choose_sensors
 
 MATRIX_STEP = 1e-4  # of a parameter's value: matrices are then known to some 1e-8

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..contracts import Floats, Parameters
-from .inputs import Matrix, Where, describe, read_batch, read_matrix
+from .matrices import Matrix, read_matrix
+from .parameter_sets import Where, describe, read_batch
 
 # Of a parameter's value: the differences are exact up to fourth powers.
 COEFFICIENT_STEP = 1e-3

@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..contracts import Derivatives, Floats, ModalSolution, RepeatedModes
-from .inputs import Matrix, Weights, Where
+from .matrices import Matrix, Weights
+from .parameter_sets import Where
 from .sensors import Sensors
 
 EPS = float(np.finfo(float).eps)

@@ -43,7 +43,8 @@ from .eigen_dense import (
     refuse_parting,
 )
 from .factorization import Factor, factor_definite, factor_indefinite
-from .inputs import Matrix, Weights, Where
+from .matrices import Matrix, Weights
+from .parameter_sets import Where
 
 SEMIDEFINITE = 1e-9  # relative eigenvalue of a mass matrix that counts as zero
 SHAPE_TOLERANCE = 1e-9  # of mode shapes; an eigenvalue errs by the square

@@ -25,10 +25,10 @@ from ..measurements.directions import along_axis
 from .coefficients import Coefficients, Unit, read_units
 from .eigen_dense import Eigenproblem, Wanted, combine
 from .eigen_sparse import DenseProblem, SparseEigenproblem, SparseSum
-from .exports import Export, Matrices, fit_polynomials
 from .factorization import factor_definite
 from .geometry import Geometry
-from .inputs import Matrix, read_matrix, refuse_empty, warn_of_uncoupled
+from .matrices import Matrix, read_matrix, refuse_empty, warn_of_uncoupled
+from .polynomials import Export, Named, fit_polynomials
 from .sensors import Dofs, choose_sensors
 
 
@@ -284,7 +284,7 @@ class MatrixModel(AffineModel):
         constants, units = fit_polynomials(base, changes, {} if at is None else at)
         (K0, M0), (K, M) = constants.values(), units.values()
         model = cls(K0, M0, K, M, n_modes=n_modes, skip=skip, shapes=shapes)
-        model.geometry = base.geometry if isinstance(base, Matrices) else None
+        model.geometry = base.geometry if isinstance(base, Named) else None
         return model
 
 

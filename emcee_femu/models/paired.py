@@ -31,7 +31,7 @@ from ..contracts import (
     show_declared,
 )
 from ..measurements import Measurements
-from .inputs import derive_along
+from .differences import derive_along
 from .sensors import at_sensors, match_rows, refuse_mixed_units
 
 Indices: TypeAlias = NDArray[np.intp]

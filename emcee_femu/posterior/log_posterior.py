@@ -172,6 +172,7 @@ class LogPosterior(Report):
         vectorize: bool = False,
         args: Sequence[Any] = (),
         kwargs: Mapping[str, Any] | None = None,
+        units: Units = None,
     ) -> Self:
         r"""Return the posterior of a log-likelihood function, such as emcee takes.
 
@@ -202,6 +203,7 @@ class LogPosterior(Report):
                 returns ``(n,)``, or n rows of a number and blobs.
             args: Further positional arguments of the function, as a tuple.
             kwargs: Further keyword arguments of the function, by name.
+            units: Units of parameters by name.
 
         Returns:
             The posterior; its one term is called "density".
@@ -229,7 +231,7 @@ class LogPosterior(Report):
         named = {} if kwargs is None else kwargs
         bare = DensityModel(log_likelihood, law.names, vectorize, args, named)
         draws = law.sample(np.random.default_rng(0), TRIED_DRAWS)
-        self = cls(bare.declare_blobs(draws), bare.density, law)
+        self = cls(bare.declare_blobs(draws), bare.density, law, units)
         if boxes and all(np.shape(ends) == (2,) for ends in boxes):
             self.log_box = float(np.log(np.diff(law.bounds)).sum())
         return self

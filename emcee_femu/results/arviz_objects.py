@@ -4,7 +4,7 @@ The only module that imports ArviZ, which takes seconds: it is imported where it
 used.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,30 +17,62 @@ from ..verdict.statistics import load_arviz
 InferenceData: TypeAlias = Any  # before version 1 its own class, since then a DataTree
 Dataset: TypeAlias = Any  # xarray's
 
+# Attributes of the posterior group that any extension may set. The note stands in the
+# titles of tables and figures. The group that is named judges the samples as a whole by
+# its attributes: `verdict`, a sentence; `refused`; `search` and `evidence` as JSON.
+NOTE = "note"
+JUDGED_IN = "judged_in"
+BEFORE = "certificate"  # both, in objects of version 0.5
 # Groups whose draws may have weights.
 SAMPLED = {"posterior", "sample_stats", "log_likelihood", "response", "new_measurement"}
 FEWEST_RESAMPLED, COPIES = 4_000, 40
 
 
+class Groups(Mapping[str, Dataset]):
+    """The groups of an ArviZ object, each made when it is first asked for.
+
+    Args:
+        makers: ``{group: function}``; a function that returns None makes no group.
+    """
+
+    def __init__(self, makers: Mapping[str, Callable[[], Dataset | None]]) -> None:
+        self._makers, self._made = makers, dict[str, Dataset | None]()
+
+    def __getitem__(self, name: str) -> Dataset:
+        """Return a group."""
+        if name not in self._made:
+            self._made[name] = self._makers[name]()
+        if self._made[name] is None:
+            raise KeyError(name)
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Return the names of all groups, which are made for that."""
+        return (name for name in self._makers if name in self)
+
+    def __len__(self) -> int:
+        """Return how many groups there are."""
+        return sum(1 for _ in self)
+
+
 def is_arviz(source: object) -> bool:
-    """Return whether an object is one of ArviZ."""
-    return hasattr(source, "groups")
+    """Return whether an object is one of ArviZ, or has groups as these have."""
+    return isinstance(source, Groups) or hasattr(source, "groups")
 
 
 def samples_of(source: object) -> object:
-    """Return the samples that a result holds, as a certificate does, or the source."""
+    """Return the samples that a result holds as ``idata``, or else the source."""
     held = getattr(source, "idata", None)
     return held if is_arviz(held) else source
 
 
-def certificate_of(source: object) -> Mapping[str, Any]:
-    """Return what :func:`certify` stored with samples; empty where it stored nothing.
-
-    The verdict in a sentence, ``refused``, and the log evidence if it is known.
-    """
+def judgement_of(source: object) -> Mapping[str, Any]:
+    """Return how samples were judged as a whole by what made them, empty if not."""
     held: InferenceData = samples_of(source)
-    there = is_arviz(held) and "certificate" in held
-    return _group(held, "certificate").attrs if there else {}
+    if not is_arviz(held) or "posterior" not in held:
+        return {}
+    name = _group(held, "posterior").attrs.get(JUDGED_IN, BEFORE)
+    return _group(held, name).attrs if name in held else {}
 
 
 def wrap(datasets: Mapping[str, Dataset]) -> InferenceData:
@@ -56,8 +88,7 @@ def wrap(datasets: Mapping[str, Dataset]) -> InferenceData:
 def dataset(idata: InferenceData, group: str) -> Dataset:
     """Return a group as an xarray Dataset, for any version of ArviZ.
 
-    Weighted draws, which :func:`certify` makes, are repeated as their weights say:
-    what reads a group here shows the corrected posterior.
+    Weighted draws are repeated as often as their weights say.
 
     Raises:
         TypeError: If idata is not what :func:`to_inference_data` returns.
@@ -69,8 +100,8 @@ def dataset(idata: InferenceData, group: str) -> Dataset:
     try:
         values = _group(idata, group)
     except KeyError:
-        if group == "response" and "constant_data" in groups(idata):
-            return groups(idata)["constant_data"][[]]  # of a bare log-likelihood
+        if group == "response" and "constant_data" in idata:
+            return _group(idata, "constant_data")[[]]  # of a bare log-likelihood
         raise ValueError(
             f"idata: it has no group {group!r}, for it was made without the posterior, "
             "as by arviz.from_emcee; convert the samplers with "
@@ -98,7 +129,7 @@ def prior_constants(idata: InferenceData, names: Sequence[str]) -> Dataset:
 
 def prior_draws(idata: InferenceData, names: Sequence[str]) -> Floats:
     """Return draws of the prior ``(n, d)``; NaN for names without a prior."""
-    prior = groups(idata).get("prior")
+    prior = _group(idata, "prior") if "prior" in idata else None
     if prior is None or not prior.sizes["chain"]:  # chains were selected
         return np.full((1, len(names)), np.nan)
     return np.asarray(prior.to_dataframe().reindex(columns=list(names)))
@@ -109,10 +140,15 @@ def groups(idata: InferenceData) -> dict[str, Dataset]:
     return {name: _group(idata, name) for name in idata}
 
 
-def describe_certificate(idata: InferenceData) -> str:
-    """Return the verdict of :func:`certify` for a title; empty if there is none."""
-    text = dataset(idata, "posterior").attrs.get("certificate", "")
-    return f" ({text})" if text else ""
+def note_of(idata: InferenceData) -> str:
+    """Return what is noted of the samples, for a title; empty if nothing is."""
+    attributes = dataset(idata, "posterior").attrs
+    return str(attributes.get(NOTE, attributes.get(BEFORE, "")))
+
+
+def in_brackets(note: str) -> str:
+    """Return what follows a title."""
+    return f" ({note})" if note else ""
 
 
 def _group(idata: InferenceData, group: str) -> Dataset:
@@ -121,9 +157,8 @@ def _group(idata: InferenceData, group: str) -> Dataset:
 
 
 def is_weighted(idata: InferenceData) -> bool:
-    """Return whether the draws have weights, as :func:`certify` gives them."""
-    # Draws from elsewhere may lack the group.
-    return "sample_stats" in idata and "weight" in _group(idata, "sample_stats")
+    """Return whether the draws have weights."""
+    return str(_group(idata, "posterior").attrs.get("kind")) == "weighted"
 
 
 def samples(

@@ -15,9 +15,9 @@ from emcee.backends import Backend
 
 from .. import checks
 from ..contracts import Move
+from ..evaluation.ensemble import describe_moves, moves_of
 from ..evaluation.pools import unwrap
 from ..evaluation.resume import LOG_BOX
-from ..evaluation.samplers import describe_moves, moves_of
 from ..evaluation.store import Store, StoredChain
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior

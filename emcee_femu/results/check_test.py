@@ -12,7 +12,7 @@ from ..posterior.sensors import SuspectSensor, suspect_sensors
 from ..search.find_map import FoundMap
 from ..table import Parts, Report
 from .arviz_objects import dataset, samples
-from .to_arviz import read_samples
+from .to_arviz import read_samples_and_model
 
 SUSPECT, CLEAR, NOT_CHECKED = "suspect", "nothing suspect", "not checked"
 SAID = {
@@ -95,7 +95,7 @@ def check_test(source: object, posterior: LogPosterior | None = None) -> SensorC
     elif isinstance(source, LogPosterior):
         posterior = source
     else:
-        idata, posterior = read_samples(source, posterior)
+        idata, posterior = read_samples_and_model(source, posterior)
         draws = samples(idata)[1].reshape(-1, len(samples(idata)[0]))
         height = dataset(idata, "sample_stats")["lp"].transpose("chain", "draw")
         points = [draws[int(np.argmax(height.values))]]

@@ -24,15 +24,16 @@ from ..verdict.statistics import MaximaWeights
 from ..verdict.verdict import judge_chains
 from .arviz_objects import (
     InferenceData,
-    certificate_of,
     dataset,
     is_arviz,
+    judgement_of,
     samples_of,
 )
 from .chains import read_chains
 from .fit import read_records
 from .fit_statement import judge_fit
-from .to_arviz import FIT, to_inference_data
+from .groups import convert
+from .to_arviz import FIT, judge_samples
 
 # Further statements by title, of functions of samples with their response: see
 # CONTRIBUTING.md.
@@ -96,7 +97,7 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
         >>> diagnosis.chains.status, diagnosis.search.status, diagnosis.fit.status
         ('not converged', 'not searched', 'fits')
     """
-    source, certificate = samples_of(source), certificate_of(source)
+    source, judged = samples_of(source), judgement_of(source)
     chains = read_chains(source, discard=discard)
     if chains.kind == "chain":
         diagnosis = measure(chains)
@@ -109,8 +110,8 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
         numbers = nan, *3 * [nan[0]], nan[:, :1], (), *4 * [nan[0]]
         measured = chains.names, len(chains.draws), *numbers, chains.failures
         diagnosis = Diagnosis(*measured)
-    if certificate.get("refused"):
-        told = f"not to be used. {certificate['verdict']}"
+    if judged.get("refused"):
+        told = f"not to be used. {judged['verdict']}"
         about = Statement(REFUSED, NOT_TO_BE_USED, told, about.reasons)
     idata, records = _read(source, chains)
     fit = judge_fit(idata, records, chains)
@@ -171,9 +172,9 @@ def judge_without_chains(
         )
         search = Statement(SEARCHED, SEARCHED, found)
     else:
-        certificate = certificate_of(source)
-        words = f"draws weighted by full solves. {certificate['verdict']}"
-        told = json.loads(certificate["search"])
+        judged = judgement_of(source)
+        words = f"draws weighted by full solves. {judged['verdict']}"
+        told = json.loads(judged["search"])
         search = Statement(**told | {"reasons": tuple(told.get("reasons", ()))})
     return Statement(NO_CHAINS, NO_CHAINS, f"{NO_CHAINS}, but {words}"), search
 
@@ -185,7 +186,8 @@ def _read(
     if not is_arviz(source):
         if chains.posterior is None:
             return None, None
-        source = to_inference_data(source, None, chains.discard)
+        whole = read_chains(source, discard=chains.discard, blobs=True)
+        return convert(whole), judge_samples(whole)
     posterior = dataset(source, "posterior")
     known = posterior.attrs.get(FIT)
     records = None if known is None else read_records(known)

@@ -13,7 +13,7 @@ from ..table import Parts, Report
 from ..verdict.diagnosis import NOT_CONVERGED, measure
 from ..verdict.statistics import tau_by_ensemble
 from ..verdict.verdict import judge_chains
-from .arviz_objects import certificate_of
+from .arviz_objects import judgement_of
 from .chains import read_chains
 
 EVIDENCE_TAU = 20  # of a series, below which neither tau nor its error can be believed
@@ -136,7 +136,7 @@ def log_evidence(source: object, discard: int | None = None) -> Evidence:
         error, problems = source.log_evidence_error, source.problems
         found = source.log_evidence, error, "as it was given", problems, np.empty(0)
         return Evidence(*found, source.failed_solves, source.log_box)
-    if (stored := certificate_of(source).get("evidence")) is not None:
+    if (stored := judgement_of(source).get("evidence")) is not None:
         value, error, method, problems, failed, log_box = json.loads(stored)
         told = {"failed_solves": failed, "log_box": log_box}
         return Evidence(value, error, method, tuple(problems), **told)

@@ -85,7 +85,7 @@ def judge_data(
         rows: Their rows, ``(n, columns)``.
         initial: The row at the prior mean.
         weights: Of the samples, if these are not equal, ``(n,)``; then no sensor is
-            suspected, because a certificate's solves are counted.
+            suspected, for that takes solves which are not counted.
         solves: How many samples may be solved.
     """
     rng, order = np.random.default_rng(0), np.arange(len(theta))
@@ -330,7 +330,7 @@ def _settle(record: FitRecord, looks: int) -> FitRecord:
     """Return a record whose chance counts all that was looked at."""
     if not np.isfinite(record.p):
         return record
-    p = min(1.0, looks * record.p)
+    p = float(min(1.0, looks * record.p))
     off = p < MISFIT_BY_CHANCE and record.chi2 > MATTERS * record.size
     return replace(record, p=p, status=MISFIT if off else FITS)
 

@@ -20,7 +20,7 @@ from ..likelihoods.residuals import (
     FitRecord,
 )
 from ..posterior.log_posterior import LogPosterior
-from ..search.first_solve import doubt_units, is_constant, same_response
+from ..posterior.plausibility import doubt_units, is_constant, same_response
 from ..search.record import Chains
 from ..verdict.diagnosis import Statement
 from .arviz_objects import InferenceData

@@ -16,7 +16,7 @@ from ..table import Column, Parts, Report, Table
 from .arviz_objects import (
     InferenceData,
     dataset,
-    describe_certificate,
+    note_of,
     prior_draws,
     samples,
 )
@@ -75,7 +75,7 @@ class Identifiability(Report):
             prior is more symmetrical on the log scale (e.g. lognormal).
         local: The source of the numbers if it is a maximum of the posterior, not
             samples.
-        certificate: The verdict of :func:`.certify` on the samples, if any.
+        note: What is noted of the samples, such as the verdict of :func:`.certify`.
     """
 
     names: tuple[str, ...]
@@ -93,7 +93,7 @@ class Identifiability(Report):
     effect: Floats
     logarithms: Floats
     local: str = ""
-    certificate: str = ""
+    note: str = ""
 
     @property
     def sd_ratio(self) -> Floats:
@@ -130,7 +130,7 @@ class Identifiability(Report):
     @property
     def findings(self) -> tuple[str, ...]:
         """What the data leave open, bounds that matter, and doubts, in sentences."""
-        first = [text for text in (self.local, self.certificate) if text]
+        first = [text for text in (self.local, self.note) if text]
         pressed, small = self.find_pressed(), self._find_unknown()
         if not pressed and not small:
             least = int(self.sd_ratio.argmax())
@@ -355,7 +355,7 @@ def describe_samples(idata: InferenceData, fitted: bool = True) -> Identifiabili
     with np.errstate(divide="ignore", invalid="ignore"):  # of what may be negative
         logs = np.log(draws).mean(axis=0), np.log(draws).std(axis=0)
     weights, before = np.ones(len(draws)), prior_draws(idata, names)
-    said = describe_certificate(idata).strip(" ()")
+    said = note_of(idata)
     return _describe(known, before, draws, weights, *moments, logs, fit, "", said)
 
 
@@ -401,7 +401,7 @@ def _describe(
     logs: tuple[Floats, Floats],
     fit: Fit,
     local: str = "",
-    certificate: str = "",
+    note: str = "",
 ) -> Identifiability:
     """Return what draws of prior and posterior say.
 
@@ -418,7 +418,7 @@ def _describe(
         logs: Mean and standard deviation of the posterior's logarithm.
         fit: Modes, sensitivities, R^2 and effects, by prior standard deviations.
         local: As in the result.
-        certificate: Likewise.
+        note: Likewise.
     """
     _, is_error, _, _, bounds = known
     at_bound, pressed = _find_density(bounds, before, draws, weights)
@@ -442,7 +442,7 @@ def _describe(
         r_squared,
         effect,
     )
-    return Identifiability(*numbers, moments, local, certificate)
+    return Identifiability(*numbers, moments, local, note)
 
 
 def _find_density(

@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contracts import Floats, Variable
+from ..contracts import Floats, Parameters, Stored, Variable
 from ..likelihoods.term import Term
 from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
@@ -34,9 +34,9 @@ class Measured:
     """A variable measured at ``m`` places, and predicted there by ``n`` samples.
 
     Attributes:
-        name: Its name, such as ``"frequency"``, ``"empty.frequency"`` or, measured a
-            second time, ``"frequency[term]"``.
-        variable: Its name in the response, such as ``"frequency"``.
+        experiment: The experiment of a joint posterior; else an empty string.
+        quantity: What was measured, such as ``"frequency"``.
+        again: The term that measured it, if another term did so before it.
         unit: Its unit, or an empty string.
         dims: Its dimensions in words, such as ``"mode"``.
         labels: One label per place, such as ``"3"`` or ``"left, 3"``.
@@ -48,8 +48,9 @@ class Measured:
         model_mode: The model's modes paired with them, ``(n, m)``, or None.
     """
 
-    name: str
-    variable: str
+    experiment: str
+    quantity: str
+    again: str
     unit: str
     dims: str
     labels: tuple[str, ...]
@@ -61,9 +62,14 @@ class Measured:
     model_mode: Floats | None
 
     @property
-    def quantity(self) -> str:
-        """Its name without that of the experiment."""
-        return self.name.rpartition(".")[2]
+    def variable(self) -> str:
+        """Its name in the response, such as ``"empty.frequency"``."""
+        return f"{self.experiment}.{self.quantity}".removeprefix(".")
+
+    @property
+    def name(self) -> str:
+        """Its name among all that was measured, such as ``"frequency[term]"``."""
+        return f"{self.variable}[{self.again}]".removesuffix("[]")
 
     @property
     def updated(self) -> Floats:
@@ -85,9 +91,9 @@ class Measured:
         """Return the standard deviations of the measurement, NaN where unknown."""
         for experiment, term, label in each_term(posterior) if posterior else ():
             for variable, sd in term.error_sd.items():
-                name, measured = experiment.full_name(variable), term.observed[variable]
-                same = np.array_equal(np.ravel(measured), self.values)
-                if same and self.name in (name, f"{name}[{label}]"):
+                same = np.array_equal(np.ravel(term.observed[variable]), self.values)
+                same &= (experiment.name, variable) == (self.experiment, self.quantity)
+                if same and self.again in ("", label):
                     return np.where(sd > 0, sd, np.nan).ravel()
         return np.full(len(self.values), np.nan)
 
@@ -115,22 +121,34 @@ def measured_frequencies(
     Raises:
         ValueError: If there are none.
     """
-    name = "frequency" if experiment is None else f"{experiment}.frequency"
-    by_name = {measured.name: measured for measured in measured_variables(idata)}
-    if name not in by_name:
-        joint = any("." in other for other in by_name)
-        remedy = "; name one of the experiments with experiment=" if joint else ""
-        there = f"measured are {[*by_name]}{remedy}"
-        raise ValueError(f"idata, experiment: no term has measured {name!r}; {there}")
-    return by_name[name]
+    every = measured_variables(idata)
+    for part in with_frequencies(every):
+        if part.experiment == (experiment or ""):
+            return part
+    joint = any(part.experiment for part in every)
+    remedy = "; name one of the experiments with experiment=" if joint else ""
+    name = f"{experiment or ''}.frequency".removeprefix(".")
+    raise ValueError(
+        f"idata, experiment: no term has measured {name!r}; measured are "
+        f"{[part.name for part in every]}{remedy}"
+    )
 
 
-def find_experiments(names: Iterable[object], quantity: str) -> list[str]:
-    """Return the experiments that have a quantity, by names such as "a.frequency"."""
-    parts = (str(name).rpartition(".") for name in names)
-    return [
-        experiment for experiment, _, last in parts if experiment and last == quantity
-    ]
+def with_frequencies(every: Iterable[Measured]) -> list[Measured]:
+    """Return the frequencies among all that was measured, one of each experiment."""
+    return [part for part in every if part.quantity == "frequency" and not part.again]
+
+
+def find_pairs(idata: InferenceData) -> list[str]:
+    """Return the experiments of a joint posterior that pair modes, "" for a single."""
+    response = dataset(idata, "response") if "response" in idata else ()
+    return [experiment for experiment, last in map(split, response) if last == "mac"]
+
+
+def split(name: object) -> tuple[str, str]:
+    """Return experiment and quantity of a variable of an ArviZ object."""
+    experiment, _, quantity = str(name).rpartition(".")
+    return experiment, quantity
 
 
 def read_measured(idata: InferenceData) -> list[Measured]:
@@ -166,14 +184,15 @@ def _read(held: Mapping[str, Dataset], name: str, variable: str) -> Measured:
 
     initial = at_places("constant_data", f"initial_{variable}")
     predicted = at_places("response", variable)
-    experiment, dot, quantity = variable.rpartition(".")
-    modal = f"{experiment}{dot}" if quantity == "frequency" else "no "
+    experiment, quantity = split(variable)
+    modal = variable.removesuffix("frequency") if quantity == "frequency" else "no "
     places = product(*(observed[dim].values.tolist() for dim in observed.dims))
     return Measured(
-        name=name,
-        variable=variable,
+        experiment=experiment,
+        quantity=quantity,
+        again=name.removeprefix(variable)[1:-1],
         unit=str(observed.attrs.get("units", "")),
-        dims=", ".join(str(dim).rpartition(".")[2] for dim in observed.dims),
+        dims=", ".join(split(dim)[1] for dim in observed.dims),
         labels=tuple(", ".join(map(str, place)) for place in places),
         values=np.asarray(observed.values, dtype=float).ravel(),
         initial=np.full(observed.size, np.nan) if initial is None else initial[0],
@@ -198,48 +217,64 @@ def each_term(posterior: LogPosterior) -> Iterator[tuple[Experiment, Term, str]]
             yield experiment, term, name
 
 
-def gather_by_terms(
-    posterior: LogPosterior, draws: Floats, rows: Floats, only: str | None = None
-) -> dict[str, dict[str, Labelled]]:
-    """Return the log-likelihood of each datum, and new measurements, by term.
+class AtTerm(NamedTuple):
+    """What a term was given at samples.
 
-    Of ``only`` one term, both have the name of the variable that it measured.
-
-    Raises:
-        ValueError: If there is no such term, or its data are not independent.
+    Attributes:
+        experiment: Its experiment.
+        term: The term.
+        label: Its name, with that of the experiment.
+        log_likelihood: What it returned.
+        given: Parameters and response.
     """
-    lead = draws.shape[:-1]
+
+    experiment: Experiment
+    term: Term
+    label: str
+    log_likelihood: Floats
+    given: tuple[Parameters, Stored]
+
+
+def at_terms(
+    posterior: LogPosterior, draws: Floats, rows: Floats, only: str | None
+) -> Iterator[AtTerm]:
+    """Yield what each term, or ``only`` one, was given at samples ``(..., d)``."""
     parameters = posterior.parameters(draws.reshape(-1, posterior.ndim))
     response = posterior.unfold(rows.reshape(-1, rows.shape[-1]))
-    rng = np.random.default_rng(0)  # the same draws at each conversion
-    names = _name_measured(posterior)
-    likelihood: dict[str, Labelled] = {}
-    predictive: dict[str, Labelled] = {}
     for column, (experiment, term, name) in enumerate(each_term(posterior), 2):
         label = experiment.full_name(name)
-        if only not in (None, label):
-            continue
-        stored = experiment.stored(response)
-        likelihood[label] = Labelled(rows[..., column], ONE_NUMBER)
-        for variable, values in term.pointwise(parameters, stored).items():
-            likelihood[label] = _label(experiment, term, variable, values, *lead)
-        for variable, values in term.replicate(rng, parameters, stored).items():
-            key = names[label, variable]
-            predictive[key] = _label(experiment, term, variable, values, *lead)
-    if only is not None:
-        both = [*likelihood.values(), *predictive.values()]
-        if len(both) != 2 or both[0].values.shape != both[1].values.shape:
-            raise ValueError(
-                f"term: expected one of {list(posterior.term_names)} whose data are "
-                f"independent, got {only!r}"
-            )
-        likelihood = dict.fromkeys(predictive, both[0])
-    if len(likelihood) > 1:  # ArviZ takes one variable
-        likelihood = {"data": _side_by_side(likelihood, len(lead))}
-    return {"log_likelihood": likelihood, "new_measurement": predictive}
+        if only in (None, label):
+            given = parameters, experiment.stored(response)
+            yield AtTerm(experiment, term, label, rows[..., column], given)
 
 
-def _side_by_side(parts: Mapping[str, Labelled], lead: int) -> Labelled:
+def gather_likelihoods(
+    posterior: LogPosterior, draws: Floats, rows: Floats, only: str | None = None
+) -> dict[str, Labelled]:
+    """Return the log-likelihood of each datum by term, or that of ``only`` one."""
+    lead = draws.shape[:-1]
+    found: dict[str, Labelled] = {}
+    for at in at_terms(posterior, draws, rows, only):
+        found[at.label] = Labelled(at.log_likelihood, ONE_NUMBER)
+        for variable, values in at.term.pointwise(*at.given).items():
+            found[at.label] = _label(at.experiment, at.term, variable, values, *lead)
+    return found
+
+
+def gather_measurements(
+    posterior: LogPosterior, draws: Floats, rows: Floats, only: str | None = None
+) -> dict[str, Labelled]:
+    """Return a new measurement for each sample by variable, where terms draw some."""
+    rng = np.random.default_rng(0)  # the same draws at each conversion
+    names, lead = _name_measured(posterior), draws.shape[:-1]
+    return {
+        names[at.label, variable]: _label(at.experiment, at.term, variable, new, *lead)
+        for at in at_terms(posterior, draws, rows, only)
+        for variable, new in at.term.replicate(rng, *at.given).items()
+    }
+
+
+def side_by_side(parts: Mapping[str, Labelled], lead: int) -> Labelled:
     """Concatenate all parts along one labelled dimension."""
     labels = [
         f"{name}[{', '.join(map(str, place))}]" if place else name
@@ -329,7 +364,7 @@ def by_mode(response: Mapping[str, Floats]) -> tuple[tuple[str, ...], Floats]:
     labels: list[str] = []
     columns = [np.empty((len(values), 0)) for values in response.values()][:1]
     for name, values in response.items():
-        experiment, _, variable = name.rpartition(".")
+        experiment, variable = split(name)
         if variable == "frequency":
             columns.append(values)
             numbers = range(1, values.shape[1] + 1)

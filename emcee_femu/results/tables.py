@@ -13,7 +13,8 @@ from ..posterior.log_posterior import LogPosterior
 from ..table import Column, Table, number_columns
 from .arviz_objects import (
     dataset,
-    describe_certificate,
+    in_brackets,
+    note_of,
     prior_constants,
     samples,
     unit_of,
@@ -22,9 +23,10 @@ from .identifiability import describe_samples
 from .measured import (
     INTERVAL,
     Measured,
-    find_experiments,
+    find_pairs,
     measured_frequencies,
     measured_variables,
+    with_frequencies,
 )
 from .to_arviz import read_samples
 
@@ -58,7 +60,9 @@ def parameter_table(
         idata: What :func:`to_inference_data` returns or takes, such as a run.
         true: Known true values by parameter name, as in a simulation; None for a real
             structure.
-        published: Further columns, ``{title: {parameter: value}}``.
+        published: Further columns, ``{title: {parameter: value}}``, which are printed
+            as they are given; all others are then in the units of the parameters,
+            without another prefix.
         var_names: Rows, with quantities that were added to the ``posterior`` group;
             None for the sampled parameters.
         before: Parameters of the model before updating, by name, in place of the prior
@@ -98,8 +102,8 @@ def parameter_table(
     if before is not None:
         start, initial = "before", checks.numbers_by_name("before", before, names)
     truth = checks.numbers_by_name("true", {} if true is None else true, names)
-    further = [
-        (title, checks.numbers_by_name(f"published[{title!r}]", values, names), sd)
+    others: list[Column] = [
+        (title, ".5g", checks.numbers_by_name(f"published[{title!r}]", values, names))
         for title, values in _columns(published)
     ]
     unit, numbers = number_columns(
@@ -110,10 +114,10 @@ def parameter_table(
             ("mean", mean, sd),
             ("2.5 %", low, sd),
             ("97.5 %", high, sd),
-            *further,
         ],
+        prefixes=not others,  # a percentage or a length: these have any unit
     )
-    of_truth, of_start, of_mean, of_low, of_high, *others = numbers
+    of_truth, of_start, of_mean, of_low, of_high = numbers
     percent = 100 * sd / np.abs(mean)
     before_off, off = _percent_off(initial, truth), _percent_off(mean, truth)
     known_sign = np.where(low * high > 0, percent, np.nan)  # else it tells nothing
@@ -134,7 +138,7 @@ def parameter_table(
     if not known.any():
         unknown |= {*OF_PRIOR}
     columns = [c for c in columns if c[0] not in unknown] + others
-    title = f"Updating parameters{describe_certificate(idata)}"
+    title = f"Updating parameters{in_brackets(note_of(idata))}"
     near = (np.abs(draws - mean) < NEAR_MEAN * sd).mean(axis=0)
     # Constant samples, of which none is nearer than 0, are no clouds.
     between = ", ".join(np.array(names)[(near < FEW_NEAR) & (sd > 0)])
@@ -188,13 +192,14 @@ def frequency_table(
     """
     asked = posterior is not None
     idata, posterior = read_samples(idata, posterior)
-    tests = find_experiments((m.name for m in measured_variables(idata)), "frequency")
+    parts = with_frequencies(measured_variables(idata))
+    tests = [part.experiment for part in parts if part.experiment]
     if experiment is None and tests:
         if published is not None:
             raise ValueError(f"published: name one of the experiments {tests} as well")
         given = posterior if asked else None
         tables = {name: frequency_table(idata, given, None, name) for name in tests}
-        title = f"Natural frequencies{describe_certificate(idata)}"
+        title = f"Natural frequencies{in_brackets(note_of(idata))}"
         return Table.stack(title, tables)
     frequency = measured_frequencies(idata, experiment)
     measured, draws = frequency.values, frequency.predicted
@@ -230,9 +235,9 @@ def frequency_table(
         shapes, argument = ((m,), (m + 1,)), f"published[{title!r}]"
         checks.shaped(argument, column.shape, *shapes, remedy="the last is the TAE")
         padded = np.append(column, [np.nan] * (m + 1 - len(column)))
-        columns.append((title, ".4g", padded))
+        columns.append((title, ".5g", padded))
     words = f" of {experiment!r}" if experiment else ""
-    words += describe_certificate(idata)
+    words += in_brackets(note_of(idata))
     return Table.from_columns(f"Natural frequencies{words}", columns)
 
 
@@ -315,7 +320,7 @@ def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Ta
     mac = np.concatenate([_summarize_mac(part) for part in parts], axis=1)
     if np.isfinite(mac).any():
         columns += [("MAC", ".3f", mac[0]), ("MAC 5 %", ".3f", mac[1])]
-    what += describe_certificate(idata)
+    what += in_brackets(note_of(idata))
     return Table.from_columns(f"Predictions, 95 % intervals of {what}", columns)
 
 
@@ -359,10 +364,10 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
     """
     idata, _ = read_samples(idata)
     response = dataset(idata, "response")
-    tests = find_experiments(response, "mac")
+    tests = [name for name in find_pairs(idata) if name]
     if experiment is None and tests:
         tables = {name: pairing_table(idata, name) for name in tests}
-        title = f"Pairing with the model's modes{describe_certificate(idata)}"
+        title = f"Pairing with the model's modes{in_brackets(note_of(idata))}"
         return Table.stack(title, tables)
     names = [f"{experiment}.{v}" if experiment else v for v in ("mac", "model_mode")]
     if not set(names) <= set(response.data_vars):
@@ -396,7 +401,7 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
     words = f" of {experiment!r}" if experiment else ""
     title = (
         f"Pairing with the model's modes{words}: their order changed in "
-        f"{100 * changed.mean():.3g} % of {n} samples{describe_certificate(idata)}"
+        f"{100 * changed.mean():.3g} % of {n} samples{in_brackets(note_of(idata))}"
     )
     return Table.from_columns(title, columns)
 

@@ -1,29 +1,18 @@
-"""Chains to ArviZ objects.
+"""ArviZ objects of runs and other chains, and what all tables read samples by."""
 
-``arviz.from_emcee`` writes sampler arguments of any type into ``observed_data`` and
-cannot read structured blobs, so the groups are built here.
-"""
-
-import json
-import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from importlib.metadata import version
-from typing import Any
+from functools import partial
 
-import emcee
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import checks
-from ..contracts import Floats, Places, Variable
+from ..contracts import Floats
 from ..likelihoods.residuals import FitRecord
-from ..posterior.compatibility import RESERVED
 from ..posterior.log_posterior import LogPosterior
-from ..posterior.priors import KnownPrior, prior_centre, summarize_prior
 from ..search.record import Chains
 from .arviz_objects import (
-    Dataset,
+    Groups,
     InferenceData,
     groups,
     is_arviz,
@@ -31,17 +20,16 @@ from .arviz_objects import (
     samples_of,
     wrap,
 )
-from .chains import STORED, TOLD, read_chains
+from .chains import read_chains
 from .fit import SOLVED_AGAIN, judge_data, write_records
-from .measured import ONE_NUMBER, Labelled, gather_by_terms, gather_observed
+from .groups import PRIOR_STORED, convert, fixed_groups, make_dataset, read_rows
+from .measured import gather_measurements
 
 FIT = "fit"  # attribute of the posterior group
 # Samples whose log-posterior is lower than the best one's by d and this have not
 # arrived: of a Gaussian it is lower by d / 2 on average, and by more than this once in
 # a thousand times.
 LOST = 5.0
-PRIOR_STORED = 1_000
-PREDICTIVE_DRAWS = 500  # which ArviZ draws in seconds
 
 
 def to_inference_data(
@@ -102,8 +90,8 @@ def to_inference_data(
     Args:
         source: The result of :func:`run`, any EnsembleSampler, a backend, or the name
             of a run's file; or the result of :func:`anneal`, whose members become one
-            chain. An ArviZ object, and that of a certificate, is returned unchanged. A
-            LogPosterior has no samples yet, and gives the groups ``prior``,
+            chain. An ArviZ object, also one that a result holds, is returned as it is.
+            A LogPosterior has no samples yet, and gives the groups ``prior``,
             ``prior_predictive``, ``observed_data`` and ``constant_data``.
         posterior: The sampled posterior, if the source does not hold it.
         discard: Number of stored steps to drop as burn-in. None for those that a run
@@ -156,10 +144,12 @@ def to_inference_data(
                 "source: a LogPosterior has no samples yet; give a run, or leave out "
                 "posterior, discard, thin, names and term"
             )
-        data, posterior = wrap(_fixed_groups(source, {}, source.initial)), source
+        data = wrap(Groups(fixed_groups(source, {}, source.initial)))
+        posterior = source
     elif names is None:
         told = "source", term, True
-        data, posterior = read_samples(source, posterior, discard, thin, *told)
+        read, posterior = read_samples(source, posterior, discard, thin, *told)
+        data = wrap(read) if isinstance(read, Groups) else read
     else:
         chains = read_chains(source, posterior, discard, thin, blobs=True)
         names = checks.parameter_names("names", names)
@@ -167,19 +157,19 @@ def to_inference_data(
             raise ValueError(f"names: {list(chains.names)} are known; leave it out")
         if len(names) != (d := len(chains.names)):
             raise ValueError(f"names: expected one for each of {d} parameters")
-        data = convert(replace(chains, names=names), thin, term)
+        data = wrap(convert(replace(chains, names=names), thin, term))
     if not count:
         return data
     posterior = checks.instance("posterior", posterior, LogPosterior)
     theta = posterior.prior.sample(np.random.default_rng(0), PRIOR_STORED)[:count]
     rows = posterior(theta)[:, None, None]
-    new = gather_by_terms(posterior, theta[:, None, None], rows)["new_measurement"]
+    new = gather_measurements(posterior, theta[:, None, None], rows)
     if not new:
         raise ValueError(
             "prior_predictive: no likelihood term draws new measurements, as of a bare "
             "log-likelihood; leave it out"
         )
-    return wrap(groups(data) | {"prior_predictive": _dataset(new, {}, {})})
+    return wrap(groups(data) | {"prior_predictive": make_dataset(new, {}, {})})
 
 
 def read_samples(
@@ -193,17 +183,28 @@ def read_samples(
 ) -> tuple[InferenceData, LogPosterior | None]:
     """Return the ArviZ object of any source of samples, and its posterior if known.
 
-    All tables and figures read samples through it. If ``judged``, what samples say of
-    the data is stored too.
+    All tables and figures read samples through it. Of chains each group is made when
+    it is asked for. If ``judged``, what samples say of the data is stored too, and all
+    groups are made.
     """
+    held = getattr(source, "posterior", None)  # of a result beside its samples
+    if posterior is None and isinstance(held, LogPosterior):
+        posterior = held
     if not is_arviz(source := samples_of(source)):
-        chains = read_chains(
-            source, posterior, discard, thin, blobs=True, argument=argument
+        read = partial(
+            read_chains, source, posterior, discard, blobs=True, argument=argument
         )
-        data = convert(chains, thin, term)
-        if judged and chains.posterior is not None:
-            data = store_fit(data, judge_samples(chains))
-        return data, chains.posterior
+        if judged:
+            chains = read(thin)
+            data = convert(chains, thin, term)
+            if chains.posterior is not None:
+                return store_fit(data, judge_samples(chains)), chains.posterior
+            return wrap(data), None
+        chains = read(thin, blobs=False)
+        if chains.posterior is not None and chains.kind == "chain":
+            # Of another posterior the blobs differ: one step of them shows it.
+            read_rows(read(thin * len(chains.draws)), chains.posterior)
+        return convert(chains, thin, term, partial(read, thin)), chains.posterior
     if (discard or 0, thin, term) != (0, 1, None):
         raise ValueError(
             "discard, thin, term: expected 0, 1 and None for an ArviZ object, got "
@@ -215,6 +216,19 @@ def read_samples(
     return source, posterior
 
 
+def read_samples_and_model(
+    source: object, posterior: LogPosterior | None
+) -> tuple[InferenceData, LogPosterior]:
+    """Return the ArviZ object of any source of samples, and what was sampled."""
+    idata, known = read_samples(source, posterior)
+    if known is None:
+        raise TypeError(
+            "posterior: expected the sampled LogPosterior, whose model is needed here; "
+            "an ArviZ object holds samples only, so give the posterior after it"
+        )
+    return idata, checks.instance("posterior", known, LogPosterior)
+
+
 def check_sampled(posterior: LogPosterior, names: Sequence[str]) -> None:
     """Refuse a posterior whose parameters are not the sampled ones."""
     checks.instance("posterior", posterior, LogPosterior)
@@ -223,58 +237,6 @@ def check_sampled(posterior: LogPosterior, names: Sequence[str]) -> None:
             f"posterior: expected the sampled one, with the parameters {list(names)}, "
             f"got {list(posterior.names)}"
         )
-
-
-def convert(chains: Chains, thin: int = 1, term: str | None = None) -> InferenceData:
-    """Return the ArviZ object of chains, or of what was measured for one term."""
-    draws, posterior = chains.draws, chains.posterior
-    if term is not None:
-        checks.instance("posterior", posterior, LogPosterior)
-    units = posterior.units if posterior else {}
-    parts: dict[str, dict[str, Labelled]] = {
-        "posterior": _by_parameter(chains.names, draws, units),
-        "sample_stats": {"lp": Labelled(chains.log_prob, ONE_NUMBER)},
-    }
-    attributes = {
-        "discard": chains.discard,
-        "thin": thin,
-        "inference_library": "emcee",
-        "inference_library_version": emcee.__version__,
-        "emcee_femu_version": version("emcee-femu"),
-        "numpy_version": np.__version__,
-    }
-    fixed: dict[str, Dataset] = {}
-    if posterior is not None:
-        rows = _rows(chains, posterior)
-        parts["sample_stats"]["log_prior"] = Labelled(rows[..., 1], ONE_NUMBER)
-        if isinstance(posterior.prior, KnownPrior):
-            densities = posterior.prior.logpdfs(draws.reshape(-1, posterior.ndim))
-            densities = densities.reshape(draws.shape)
-            parts["log_prior"] = _by_parameter(chains.names, densities, {})
-        parts["response"] = {
-            name: Labelled(value, posterior.variables[name])
-            for name, value in posterior.unfold(rows).items()
-        }
-        parts |= gather_by_terms(posterior, draws, rows, term)
-        initial = posterior.initial if chains.initial is None else chains.initial
-        fixed = _fixed_groups(posterior, attributes, initial)
-    elif chains.blobs is not None:
-        parts["blobs"] = _name_blobs(chains.blobs)
-    steps, ensembles, walkers, _ = draws.shape
-    coords = {
-        "step": ("draw", chains.discard + thin * (1 + np.arange(steps)) - 1),
-        "ensemble": ("chain", np.repeat(np.arange(ensembles), walkers)),
-        "walker": ("chain", np.tile(np.arange(walkers), ensembles)),
-    }
-    there = [(name, part) for name, part in parts.items() if part]
-    datasets = {name: _dataset(part, attributes, coords) for name, part in there}
-    if "new_measurement" in datasets:
-        new = datasets["new_measurement"]  # all, where ArviZ weighs every draw
-        datasets["posterior_predictive"] = pick_some(new) if term is None else new
-    datasets["posterior"].attrs |= _attributes_of(chains)
-    if posterior is not None:
-        datasets["posterior"].attrs |= posterior.notes or {}
-    return wrap(datasets | fixed)
 
 
 def store_fit(data: InferenceData, records: Sequence[FitRecord]) -> InferenceData:
@@ -291,12 +253,12 @@ def judge_samples(
 
     Args:
         chains: With their blobs.
-        weights: Of the draws of a certificate, ``(n,)``.
+        weights: Of the draws, ``(n,)``; None where all are equal.
         solves: How many samples may be solved again.
     """
     if (posterior := chains.posterior) is None:
         return ()
-    rows = _rows(chains, posterior).reshape(-1, posterior.row_size)
+    rows = read_rows(chains, posterior).reshape(-1, posterior.row_size)
     theta = chains.draws.reshape(-1, posterior.ndim)
     kept = rows[:, 0] > rows[:, 0].max() - LOST - posterior.ndim
     rows, theta = rows[kept], theta[kept]
@@ -304,168 +266,3 @@ def judge_samples(
         weights = weights[kept]
     initial = posterior.initial if chains.initial is None else chains.initial
     return judge_data(posterior, theta, rows, initial, weights, solves)
-
-
-def pick_some(measurements: Dataset, weights: Floats | None = None) -> Dataset:
-    """Thin draws of new measurements to one chain that ArviZ can plot quickly."""
-    import xarray
-
-    n, chains = measurements.sizes["draw"], measurements.sizes["chain"]
-    share = None if weights is None else weights / weights.sum()
-    size = min(PREDICTIVE_DRAWS, n * chains) if share is None else PREDICTIVE_DRAWS
-    rng = np.random.default_rng(0)
-    picked = np.sort(rng.choice(n * chains, size, share is not None, share))
-    draw, chain = (xarray.DataArray(v, dims="pick") for v in divmod(picked, chains))
-    some = measurements.drop_vars(["chain", "draw", "step", "ensemble", "walker"])
-    some = some.isel(draw=draw, chain=chain).rename(pick="draw")
-    return some.expand_dims("chain").assign_coords(chain=[0], draw=np.arange(size))
-
-
-def _dataset(
-    group: Mapping[str, Labelled],
-    attributes: Mapping[str, object],
-    coords: Mapping[str, object] | None = None,
-) -> Dataset:
-    """Return arrays as a Dataset.
-
-    Those of samples, which have coordinates, are ``(steps, ensembles, walkers, ...)``,
-    and become ``(chain, draw, ...)``.
-    """
-    import xarray
-
-    apart = name_apart({name: part.variable.coords for name, part in group.items()})
-    variables = {}
-    places = {k: v for dims in apart.values() for k, v in dims.items()}
-    for name, (values, variable) in group.items():
-        dims = [*apart[name]]
-        if coords is not None:
-            n, _, _, *shape = values.shape
-            values = np.moveaxis(values, 0, 2).reshape(-1, n, *shape)
-            dims = ["chain", "draw", *dims]
-            places |= {"chain": range(len(values)), "draw": range(n)}
-        variables[name] = dims, values, {"units": variable.unit}
-    sampled = {} if coords is None else {"sample_dims": ["chain", "draw"]}
-    return xarray.Dataset(
-        variables, places | dict(coords or {}), dict(attributes) | sampled
-    )
-
-
-def _by_parameter(
-    names: Sequence[str], values: Floats, units: Mapping[str, str]
-) -> dict[str, Labelled]:
-    """Return numbers ``(..., d)`` by parameter."""
-    return {
-        name: Labelled(values[..., i], Variable({}, units.get(name, "")))
-        for i, name in enumerate(names)
-    }
-
-
-def _name_blobs(blobs: NDArray[Any]) -> dict[str, Labelled]:
-    """Return blobs ``(steps, ensembles, walkers, ...)`` by the names of their fields.
-
-    Where they differ in shape or type emcee keeps them as objects, side by side.
-    """
-    named = {name: blobs[name] for name in blobs.dtype.names or ()}
-    if blobs.dtype == object and blobs.ndim > 3:
-        named = {f"blob{i}": blobs[..., i] for i in range(blobs.shape[3])}
-    labelled = {}
-    for name, field in (named or {"blob": blobs}).items():
-        try:
-            value = np.array(field.tolist()) if field.dtype == object else field
-        except ValueError:  # arrays of several shapes
-            value = field
-        if value.dtype == object:
-            warnings.warn(
-                f"source: the blobs {name!r} are objects, which ArviZ cannot write to "
-                "a file, and are left out; return numbers or arrays of one shape",
-                stacklevel=2,
-            )
-            continue
-        axes = enumerate(value.shape[3:])
-        coords = {f"{name}_dim_{axis}": range(size) for axis, size in axes}
-        free = f"blob_{name}" if name in RESERVED else name
-        labelled[free] = Labelled(value, Variable(coords))
-    return labelled
-
-
-def _rows(chains: Chains, posterior: LogPosterior) -> Floats:
-    """Return what the posterior returned, ``(steps, ensembles, walkers, columns)``."""
-    blobs, d = chains.blobs, chains.draws.shape[-1]
-    width = posterior.row_size - 1  # emcee takes the first one as log_prob
-    if blobs is None or d != posterior.ndim or blobs.shape[3:] != (width,):
-        shape = None if blobs is None else blobs.shape[3:]
-        raise ValueError(
-            f"source: chains of {d} parameters with blobs of shape {shape} are not "
-            f"of this posterior, which has {posterior.ndim} and ({width},)"
-        )
-    return np.concatenate([chains.log_prob[..., None], blobs], axis=-1)
-
-
-def _attributes_of(chains: Chains) -> dict[str, object]:
-    """Return facts about the chains as attributes that netCDF can store."""
-    search = None if chains.search is None else chains.search.to_json()
-    if search is not None and search["surface"] is not None:
-        search["surface"]["coefficients"] = []  # as many numbers as draws
-    stored = {name: vars(chains)[name] for name in STORED} | {"search": search}
-    return (
-        {"sampled": list(chains.names)}
-        | {name: vars(chains)[name] for name in TOLD}
-        | {k: json.dumps(v, default=np.ndarray.tolist) for k, v in stored.items()}
-    )
-
-
-def _fixed_groups(
-    posterior: LogPosterior, attributes: Mapping[str, object], initial: Floats
-) -> dict[str, Dataset]:
-    """Return the groups of prior draws, measurements and constants."""
-    prior = posterior.prior
-    mean, sd = summarize_prior(prior)
-    by_parameter: dict[str, Any] = {
-        "lower": prior.bounds[:, 0],
-        "upper": prior.bounds[:, 1],
-        "initial": prior_centre(prior),
-        "prior_mean": mean,
-        "prior_sd": sd,
-        "is_error": np.isin(posterior.names, posterior.error_names),
-    }
-    parameter = Variable({"parameter": list(posterior.names)})
-    constants = {name: Labelled(v, parameter) for name, v in by_parameter.items()} | {
-        f"initial_{name}": Labelled(value, posterior.variables[name])
-        for name, value in posterior.unfold(initial).items()
-    }
-    draws = prior.sample(np.random.default_rng(0), PRIOR_STORED)[:, None, None]
-    drawn = _by_parameter(posterior.names, draws, posterior.units)
-    fixed = {
-        "prior": _dataset(drawn, attributes, {}),
-        "constant_data": _dataset(constants, attributes),
-    }
-    if observed := gather_observed(posterior):
-        fixed["observed_data"] = _dataset(observed, attributes)
-    return fixed
-
-
-def name_apart(
-    coords: Mapping[str, Mapping[str, Places]],
-) -> dict[str, dict[str, Places]]:
-    """Return ``{variable: {dimension: labels}}`` with one meaning per dimension.
-
-    Of dimensions that differ in their labels the longest keeps its name; xarray would
-    fill up the others with NaN.
-    """
-    longest: dict[str, Places] = {}
-    for dims in coords.values():
-        for dim, labels in dims.items():
-            longest[dim] = max(longest.get(dim, []), list(labels), key=len)
-
-    def rename(name: str, dim: str, labels: Places) -> str:
-        if list(labels) == longest[dim]:
-            return dim
-        measurement = name.removeprefix(f"{dim.rpartition('.')[0]}.")
-        if name.endswith("]"):
-            measurement = name[:-1].partition("[")[2]
-        return f"{dim}[{measurement}]"
-
-    return {
-        name: {rename(name, dim, labels): list(labels) for dim, labels in dims.items()}
-        for name, dims in coords.items()
-    }

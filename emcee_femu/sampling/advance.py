@@ -1,21 +1,20 @@
 """Advance the ensembles of a run: by so many steps, or until the verdict is good."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import replace
+from threading import Lock
+from typing import Any
 
 import emcee
 import numpy as np
 
+from ..evaluation.ensemble import Sampler
 from ..evaluation.evaluator import Bar, Evaluation
-from ..evaluation.samplers import (
-    Sampler,
-    Weighted,
-    caption,
-    complete,
-    progress_bar,
-    take_turns,
-)
+from ..evaluation.memory import Weighted
+from ..evaluation.pools import EvaluationPool, Function
+from ..evaluation.progress import caption, complete, progress_bar
 from ..moves.proposing import ladder_of
 from ..search.record import STOPPED_BY_SOLVES, STOPPED_BY_VERDICT
 from ..search.settings import SETTINGS
@@ -153,3 +152,65 @@ def sample_steps(
         else:
             for number in range(len(samplers)):
                 advance(number)
+
+
+class Turn(EvaluationPool):
+    """A pool, during whose work others have their turn.
+
+    Args:
+        pool: The pool.
+    """
+
+    def __init__(self, pool: EvaluationPool) -> None:
+        self.pool, self.lock, self.ended = pool, Lock(), False
+
+    def map(self, function: Function, iterable: Iterable[object]) -> list[Any]:
+        """Return what the pool does."""
+        self.lock.release()
+        try:
+            return self.pool.map(function, iterable)
+        finally:
+            self.lock.acquire()
+            self.check()
+
+    def check(self) -> None:
+        """End a thread if another one has failed."""
+        if self.ended:
+            raise RuntimeError("another ensemble failed, or the run was interrupted")
+
+
+def take_turns(
+    evaluations: Sequence[Evaluation], advance: Callable[[int], None]
+) -> None:
+    """Advance all ensembles in threads, so that they share the pool.
+
+    Args:
+        evaluations: What evaluates each of them, on one pool.
+        advance: Runs one ensemble, of that number, to its end.
+
+    Raises:
+        BaseException: What the first that failed raised.
+    """
+    pool, ensembles = evaluations[0].pool, range(len(evaluations))
+    assert pool is not None
+    turn = Turn(pool)
+    for evaluation in evaluations:
+        evaluation.pool = turn
+
+    def work(number: int) -> None:
+        with turn.lock:
+            turn.check()
+            advance(number)
+
+    threads = ThreadPoolExecutor(len(ensembles))
+    try:
+        for future in as_completed([threads.submit(work, i) for i in ensembles]):
+            future.result()
+    except BaseException:  # also of the keyboard: the others stop where they wait
+        with turn.lock:
+            turn.ended = True
+        raise
+    finally:
+        threads.shutdown(wait=False)
+        for evaluation in evaluations:
+            evaluation.pool = pool

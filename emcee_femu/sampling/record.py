@@ -12,8 +12,8 @@ import numpy as np
 from emcee.backends import Backend
 
 from ..contracts import Floats, Move
+from ..evaluation.ensemble import describe_moves
 from ..evaluation.failures import FailureLog
-from ..evaluation.samplers import describe_moves
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
 from ..search.record import ENDED, Chains, SearchRecord

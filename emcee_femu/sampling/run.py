@@ -14,22 +14,16 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..contracts import Floats
+from ..evaluation.ensemble import Sampler
 from ..evaluation.evaluator import Bar, Evaluation
+from ..evaluation.memory import Weighted, copy_moves, foreign_moves
+from ..evaluation.progress import check_progress, complete, progress_bar
 from ..evaluation.resume import StoredEvaluation, logger, open_evaluator
-from ..evaluation.samplers import (
-    Sampler,
-    Weighted,
-    check_progress,
-    complete,
-    copy_moves,
-    foreign_moves,
-    progress_bar,
-)
+from ..evaluation.starts import check_first_solve, draw_starts, time_batch
 from ..evaluation.store import Store, StoredChain
 from ..moves.proposing import find_stock_fault, ladder_of
 from ..posterior.log_posterior import LogPosterior
 from ..search.auto import budget_of, search_and_start
-from ..search.first_solve import check_first_solve, draw_starts, time_batch
 from ..search.record import STOPPED_BY_STEPS, SearchRecord
 from ..search.settings import SETTINGS
 from .advance import sample_steps, sample_until

@@ -22,6 +22,7 @@ from .. import checks
 from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
 from ..evaluation.resume import open_evaluator
+from ..evaluation.starts import check_first_solve
 from ..moves.independence import ComponentWalk, IndependenceMove
 from ..moves.mixture import MOST_FITTED, PER_PARAMETER
 from ..moves.proposing import temper
@@ -31,8 +32,8 @@ from ..posterior.log_posterior import (
     LogPosterior,
     log_likelihood,
 )
+from ..posterior.plausibility import doubt_reach
 from .coordinates import Coordinates
-from .first_solve import check_first_solve, doubt_reach
 from .importance import GOOD_K, are_reliable, bridge, kish_share, pareto_k, resample
 from .record import Annealed
 
@@ -238,6 +239,7 @@ def anneal_population(
         problems=problems,
         units=evaluator.posterior.units,
         log_box=evaluator.posterior.log_box,
+        posterior=evaluator.posterior,
     )
 
 

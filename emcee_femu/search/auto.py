@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.special import softmax
 
 from ..contracts import Floats
+from ..evaluation.ensemble import start_state
 from ..evaluation.evaluator import Evaluation
-from ..evaluation.samplers import start_state
 from ..moves import HamiltonianMove
 from ..moves.mixture import PER_PARAMETER
 from ..posterior.followed_modes import follow_modes

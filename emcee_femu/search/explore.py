@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from ..contracts import Floats
 from ..moves.mixture import Mixture
 from ..posterior.log_posterior import LOG_POSTERIOR
+from ..posterior.plausibility import doubt_reach
 from ..posterior.priors import summarize_prior
 from .campaign import Campaign
 from .climbing import climb
-from .first_solve import doubt_reach
 from .proposal import Proposal
 from .shoulders import UNEXPLAINED, find_shoulders
 

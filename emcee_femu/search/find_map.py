@@ -11,13 +11,13 @@ from scipy import special
 from .. import checks
 from ..contracts import Floats
 from ..evaluation.resume import open_evaluator
+from ..evaluation.starts import check_first_solve
 from ..moves.mixture import GAUSSIAN, Mixture
 from ..posterior.derivatives import DIGITS, is_printed
 from ..posterior.log_posterior import LOG_POSTERIOR, LogPosterior
 from ..posterior.priors import inside, prior_centre, summarize_prior
 from ..table import Column, Parts, Report, Table, number_columns
 from .climbing import Maximum, climb, distinct
-from .first_solve import check_first_solve
 from .importance import FAIR_SHARE, FEWEST_WEIGHTS, GOOD_K, kish_share, pareto_k
 from .maxima import HITS
 from .quadratic import moments_inside

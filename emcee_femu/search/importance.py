@@ -92,7 +92,8 @@ def kish_share(log_weights: Floats) -> float:
     if not np.isfinite(top):
         return 0.0
     weights = np.exp(log_weights - top)
-    return float(weights.sum() ** 2 / (len(weights) * (weights**2).sum()))
+    share = weights.sum() ** 2 / (len(weights) * (weights**2).sum())
+    return min(float(share), 1.0)  # which rounding may exceed
 
 
 def are_reliable(k: float, share: float) -> bool:

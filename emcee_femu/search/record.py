@@ -53,7 +53,7 @@ class Chains:
         posterior: What was sampled, None where it is not known.
         search: What "auto" found, None if it did not run.
         betas: Powers of the likelihood of the blocks of walkers; one if untempered.
-        kind: "chain", "population" (annealed), or "weighted" (draws of a certificate).
+        kind: "chain", "population" (annealed), or "weighted" (draws with weights).
         moves: In words.
         seed: In words.
         origin: How the chain began, in words.
@@ -112,6 +112,7 @@ class Annealed(Report):
         units: Of the parameters that have one, by name.
         doubts: What was warned of before.
         log_box: Of the box that is the prior of a bare log-likelihood; else NaN.
+        posterior: What was annealed.
     """
 
     names: tuple[str, ...]
@@ -129,6 +130,7 @@ class Annealed(Report):
     units: Mapping[str, str] = field(default_factory=dict)
     doubts: Sequence[str] = ()
     log_box: float = np.nan
+    posterior: LogPosterior | None = None
 
     def as_chains(self) -> Chains:
         """Return the members as one walker, in the order of their lineages."""
@@ -138,6 +140,7 @@ class Annealed(Report):
             self.rows[:, None, None, LOG_POSTERIOR],
             self.acceptance[-1:, None],
             np.delete(self.rows, LOG_POSTERIOR, axis=1)[:, None, None],
+            self.posterior,
             kind="population",
             moves="annealed",
             seed="unknown (annealed)",

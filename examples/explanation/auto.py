@@ -5,7 +5,7 @@
 # when its default move `"auto"` is not the best choice, and what is on record
 # afterwards. In short: "auto" searches for the maxima of the posterior, fits a proposal
 # to them, freezes it, and samples with it. `python examples/explanation/auto.py` runs
-# the page in some 4 s.
+# the page.
 #
 # The simulated example has two maxima. Two storeys of equal mass have the same
 # frequencies with stiffnesses k1 (ground) and k2 (upper) as with 2 k2 and k1 / 2:

@@ -3,7 +3,7 @@
 #
 # What does {py:func}`~emcee_femu.certify` prove about a posterior that was sampled with
 # a stand-in for the model, what do its three verdicts mean, and what can it not see?
-# `python examples/explanation/certificate.py` runs the page (18 s) on made-up data.
+# `python examples/explanation/certificate.py` runs the page on made-up data.
 #
 # `certify` spends full solves on draws of the emulated posterior. At each draw the
 # weight is the ratio of true to emulated density. If all weights are equal, the

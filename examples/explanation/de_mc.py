@@ -3,7 +3,7 @@
 #
 # What the paper's sampler does, where its factor $2.38 / \sqrt{2d}$ comes from, and why
 # half of the walkers stand still while the others move: to move all at once gives wrong
-# variances. `python examples/explanation/de_mc.py` runs the page (6 s).
+# variances. `python examples/explanation/de_mc.py` runs the page.
 #
 # ## The proposal
 #

@@ -3,7 +3,7 @@
 #
 # This page says what each term computes, what it assumes, and which setting decides how
 # narrow your posterior becomes. It checks each formula against `scipy.stats`.
-# `python examples/explanation/likelihoods.py` runs it (5 s).
+# `python examples/explanation/likelihoods.py` runs it.
 #
 # A term maps the model's response to a log-likelihood, the logarithm of the density of
 # what was measured, with the scale of the errors and their normalising constants. These

@@ -5,8 +5,7 @@
 # Friswell, "A Differential Evaluation Markov Chain Monte Carlo algorithm for Bayesian
 # Model Updating", who update two structures by DE-MC (one simulated, one measured).
 # This page says which of the paper's tables and figures are reproduced, which printed
-# numbers cannot be true, and why. `python examples/explanation/paper.py` runs the page
-# (20 s) with short runs; the long runs have their commands.
+# numbers cannot be true, and why. `python examples/explanation/paper.py` runs the page with short runs; the long runs have their commands.
 #
 # The paper prints no figures of the structures and, for the first, neither $\beta$ nor
 # the prior. Topology and geometry were inferred from its tables;
@@ -66,7 +65,7 @@ parameters
 ef.frequency_table(idata, springs.posterior, printed.frequencies)
 
 # %% [markdown]
-# The long run has `steps=10_000`, of which `discard=2_000` drops a fifth (half a minute):
+# The long run has `steps=10_000`, of which `discard=2_000` drops a fifth:
 #
 # | | k1 | k2 | k4 | k6 | k8 | TAE |
 # |---|---|---|---|---|---|---|

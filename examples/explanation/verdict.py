@@ -3,7 +3,7 @@
 #
 # For those who must decide whether to trust a result: what the three statements of
 # `diagnose(run)` are based on, what to do about a complaint, and what no diagnosis can
-# see. Chains of a wrong model converge too, so look at all three. `python examples/explanation/verdict.py` runs the page (10 s).
+# see. Chains of a wrong model converge too, so look at all three. `python examples/explanation/verdict.py` runs the page.
 #
 # The example is a simulated two-storey frame: with a soft lower or a soft upper storey
 # it has the same two frequencies (Beck and Au 2002).

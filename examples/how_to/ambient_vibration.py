@@ -1,9 +1,9 @@
 # %% [markdown]
-# # From records to a posterior with pyOMA2
+# # Ambient vibration: from records to a posterior
 #
 # For those who have acceleration records and no modes yet: pyOMA2 identifies modes
 # and their uncertainties, and the model is updated with them. `python
-# examples/how_to/ambient_vibration.py` runs the page (4 s); it takes `pip install
+# examples/how_to/ambient_vibration.py` runs the page; it takes `pip install
 # pyOMA_2`.
 #
 # Five floors of 25.91 kg on springs vibrate under unmeasured wind and traffic. Five
@@ -39,7 +39,7 @@ def load_pyoma2():
 
 
 # %% [markdown]
-# ## Identification
+# ## Identification by pyOMA2
 #
 # pyOMA2 identifies frequencies, damping and shapes from the records alone, by
 # covariance-driven stochastic subspace identification. With `calc_unc=True` it cuts the

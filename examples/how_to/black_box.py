@@ -5,7 +5,7 @@
 # input file, start it, read its output. `emulate` then learns the outputs from some
 # tens of solves, and `certify` checks the posterior against full ones. Parameter sets
 # that cannot be solved stop a run, with nothing lost, or are rejected and counted.
-# `python examples/how_to/black_box.py` runs the page (6 s).
+# `python examples/how_to/black_box.py` runs the page.
 #
 # ## The program
 #

@@ -13,8 +13,8 @@
 #   is reduced and sampled without the program.
 #
 # Both must give the same posterior. CalculiX is free software:
-# `apt install calculix-ccx`. `python examples/how_to/calculix.py` runs this page (15 s
-# of processor time). For a better certificate, a study would use 100 checks.
+# `apt install calculix-ccx`. `python examples/how_to/calculix.py` runs this page.
+# For a better certificate, a study would use 100 checks.
 
 # %% tags=["remove-cell"]
 import sys

@@ -5,7 +5,7 @@
 # a universal file of a test system, in an identification by pyOMA2, or in several
 # tests of one structure. What comes out is {py:class}`~emcee_femu.Measurements`, the
 # one object that terms and pairing take. `python examples/how_to/csv_and_uff.py` runs
-# the page (2 s). Its numbers are made up.
+# the page. Its numbers are made up.
 #
 # ## From arrays
 #
@@ -66,7 +66,7 @@ read
 # leave its cell of `shape` blank, or use NaN in an array: that mode is compared at the
 # other sensors. A mode that was not identified has no column.
 #
-# ## From a universal file
+# ## From a universal file (UFF)
 #
 # Test systems export modes as data sets 55 of a universal file (UFF), FE programs as data
 # sets 2414. Here are two complex modes at three nodes in x. They are written by pyuff;

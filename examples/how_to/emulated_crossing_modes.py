@@ -4,7 +4,7 @@
 # For those who emulate a slow model whose modes may cross: return the mode shapes,
 # declare them, and return a closed set of modes; `emulate` does the rest. This page
 # shows why, and what it gains. `python examples/how_to/emulated_crossing_modes.py`
-# runs the page (6 s) on made-up data.
+# runs the page on made-up data.
 #
 # ## The kink
 #

@@ -3,7 +3,7 @@
 #
 # For those who have frequency response functions (FRFs) and want to compare them with
 # a model line by line, without identifying modes first, with the damping inferred.
-# `python examples/how_to/frf.py` runs the page (4 s).
+# `python examples/how_to/frf.py` runs the page.
 #
 # A hammer or shaker test gives FRFs: response over force. Here a simulated three-storey
 # frame is excited at the roof and measured at the roof and the first floor.

@@ -2,7 +2,7 @@
 # # A gallery of figures
 #
 # For those who look for a figure: every figure of the package, with the line that
-# draws it. `python examples/how_to/gallery.py` runs the page (10 s). Each function
+# draws it. `python examples/how_to/gallery.py` runs the page. Each function
 # returns a matplotlib figure: save it with `figure.savefig("name.pdf")`.
 # {doc}`report` explains more.
 #

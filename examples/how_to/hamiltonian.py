@@ -5,7 +5,7 @@
 # solves the more parameters there are. If a model has `jacobian`, as all of this
 # package have, a gradient comes with a solve, and
 # {py:class}`~emcee_femu.moves.HamiltonianMove` follows it. This page tunes and runs
-# it. `python examples/how_to/hamiltonian.py` runs the page (5 s).
+# it. `python examples/how_to/hamiltonian.py` runs the page.
 #
 # Each proposal is the end of a trajectory of `steps` leapfrog steps, one solve each.
 #

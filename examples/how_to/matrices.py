@@ -2,9 +2,9 @@
 # # Use the matrices that an FE program exports
 #
 # For those whose FE program exports K and M: read the files of CalculiX, Abaqus,
-# Nastran, ANSYS or any other program, and give their rows the names of the test's
+# Nastran, ANSYS, MATLAB or any other program, and give their rows the names of the test's
 # sensors. The model made from them solves thousands of parameter sets without the
-# program. `python examples/how_to/matrices.py` runs the page (2 s). Its numbers are
+# program. `python examples/how_to/matrices.py` runs the page. Its numbers are
 # made up.
 #
 # {doc}`calculix` does so with the files of a real program.
@@ -20,6 +20,8 @@
 # | ANSYS | a modal analysis writes `file.full` | `file.full`, with `pip install ansys-mapdl-reader` |
 # | ANSYS | `*SMAT,K,D,IMPORT,FULL,file.full,STIFF`, `*EXPORT,K,MMF,K.mtx`; M by `MASS` | `{"K": "K.mtx", "M": "M.mtx"}`, no labels |
 # | ANSYS | `HBMAT,K,txt,,ASCII,STIFF,NO` and `HBMAT,M,txt,,ASCII,MASS,NO` after `/AUX2` and `FILE,file,full`: Harwell-Boeing (RSA or RUA) | `{"K": "K.txt", "M": "M.txt"}`, no labels |
+# | MATLAB | `save('model.mat', 'K', 'M', '-v7')`, sparse or not | `model.mat`, no labels |
+# | NumPy | `np.savez('model.npz', K=K, M=M)`, or one `.npy` or CSV file for each matrix | `model.npz`, or `{"K": "K.npy", "M": "M.npy"}`, no labels |
 # | any other | Matrix Market (`scipy.io.mmwrite`) or `scipy.sparse.save_npz` | `{"K": "K.mtx", "M": "M.mtx"}`, no labels |
 #
 # The format is recognised by the content, not by the name of the file. A file that is
@@ -125,7 +127,7 @@ print(plate.names, plate({"E": [1.0, 1.0], "t": [1.0, 1.1]}).frequencies.round(2
 # a test. If K is not a sum of given matrices (the place of a spring), use
 # {py:class}`~emcee_femu.AssembledModel`, a function from one parameter set to K and M.
 #
-# ## What to know of each program
+# ## CalculiX, Abaqus, Nastran, ANSYS: what to know of each
 #
 # - **CalculiX** leaves out held DOFs. It makes beams and shells into bricks, so a node
 #   becomes several. Such a name raises an error that lists its rows; choose one, as in

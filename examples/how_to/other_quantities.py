@@ -4,8 +4,7 @@
 # For those who measured something else than modes, or have a likelihood or
 # derivatives of their own. A model is updated from any measured quantity, with the
 # same tables and figures as for modes; the derivatives of an FE program make a
-# gradient cost one solve. `python examples/how_to/other_quantities.py` runs the page
-# (4 s).
+# gradient cost one solve. `python examples/how_to/other_quantities.py` runs the page.
 #
 # A model may return any response: an object with attributes, or a mapping, each value
 # an array with one row per walker. A term lists in `reads` what it needs from it. The

@@ -4,7 +4,7 @@
 # For everybody, before any sampling: let draws of the prior predict the test. If what
 # was measured is unlike all predictions, model, prior and test contradict each other,
 # and a posterior would be their compromise. The test is simulated here. `python
-# examples/how_to/prior_predictive.py` runs the page (4 s).
+# examples/how_to/prior_predictive.py` runs the page.
 #
 # A building has three floors of 20 t; the drawings say 30 MN/m for each storey, and one
 # factor of all stiffnesses is to be updated. Three frequencies were measured to 1 %.

@@ -2,7 +2,7 @@
 # # Update a PyNite model
 #
 # For those who build their model in PyNite: take K and M from it, and update it
-# without PyNite in the loop. `python examples/how_to/pynite.py` runs the page (4 s);
+# without PyNite in the loop. `python examples/how_to/pynite.py` runs the page;
 # it takes `pip install PyNiteFEA`.
 #
 # A steel platform on four columns carries a pump on one of its long beams. It is

@@ -4,7 +4,7 @@
 # For those who hand over a result: write one HTML file that says what was measured,
 # what was assumed, what the result is and how far it can be trusted; or put tables
 # and figures into your own document, and pass the samples to ArviZ. `python
-# examples/how_to/report.py` runs the page (5 s); it takes `pip install jinja2`.
+# examples/how_to/report.py` runs the page; it takes `pip install jinja2`.
 #
 # A steel mast of 6 m bends in one plane. Frequencies and shapes of three modes are simulated
 # here, with accelerometers at 2, 4 and 6 m. How stiff are its lower and upper half?

@@ -3,7 +3,7 @@
 #
 # For those who assemble their model in scikit-fem: take K for parts of a mesh, and
 # find the part that has lost stiffness. `python examples/how_to/scikit_fem.py` runs
-# the page (6 s); it takes `pip install scikit-fem`.
+# the page; it takes `pip install scikit-fem`.
 #
 # A plate clamped along one edge may have lost stiffness in any of four strips. Eight
 # measured frequencies (simulated here) are to determine the bending stiffness of each.

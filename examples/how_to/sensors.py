@@ -3,7 +3,7 @@
 #
 # For tests with a sensor that is skew, a strain gauge, or the difference of two
 # points: each is a **combination of DOFs**, `{DOF: factor}`, and is given wherever a
-# DOF is. `python examples/how_to/sensors.py` runs the page (3 s); its numbers are
+# DOF is. `python examples/how_to/sensors.py` runs the page; its numbers are
 # simulated.
 #
 # | sensor | `dofs=[...]` of the measurements |

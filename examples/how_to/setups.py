@@ -1,10 +1,10 @@
 # %% [markdown]
-# # Several setups of one structure
+# # Several setups of one structure (PoSER)
 #
 # For tests that were made in several setups, because there were fewer accelerometers
 # than places. To merge the shapes by the reference sensors (PoSER) is not needed:
 # **each setup is an experiment**, with its own pairing, and all experiments share the
-# parameters. `python examples/how_to/setups.py` runs the page (10 s) on simulated
+# parameters. `python examples/how_to/setups.py` runs the page on simulated
 # tests.
 #
 # Here there are six places and four accelerometers. Two sensors stay where they are,

@@ -1,9 +1,9 @@
 # %% [markdown]
-# # Several modes: jumps and tempering
+# # Several maxima: jumps and tempering
 #
-# For posteriors with several modes: walkers stay in the mode where they began, unless
-# a move connects the modes. This page helps to choose such a move. `python
-# examples/how_to/tempering.py` runs the page (5 s).
+# For posteriors with several maxima (statisticians call them modes): walkers stay at
+# the maximum where they began, unless a move leads to the others. This page helps to choose such a move. `python
+# examples/how_to/tempering.py` runs the page.
 #
 # For two storeys of equal mass, both frequencies were measured (here they are
 # computed), but no shape. The stiffnesses k1 of the ground storey and k2 of the upper
@@ -35,7 +35,7 @@ def shares(run, discard=100):  # of a stiff ground storey, by ensemble
 # %% [markdown]
 # ## Nothing known: "auto"
 #
-# `"auto"` searches for the modes, and proposes jumps between them. It is the first
+# `"auto"` searches for the maxima, and proposes jumps between them. It is the first
 # choice, as always:
 
 # %%
@@ -43,10 +43,10 @@ auto = ef.run(posterior, seed=1)
 print("auto ", shares(auto, 0))
 
 # %% [markdown]
-# ## Modes that both have walkers: `mode_jump`
+# ## Maxima that both have walkers: `mode_jump`
 #
-# A step of DE-MC with $\gamma = 1$ leads from one mode to the other if the two walkers
-# of the difference are in them. `mode_jump=0.1` gives a tenth of the steps this
+# A step of DE-MC with $\gamma = 1$ leads from one maximum to the other if the two
+# walkers of the difference are at them. `mode_jump=0.1` gives a tenth of the steps this
 # $\gamma$. How often a walker crosses:
 
 # %% tags=["result"]
@@ -84,8 +84,8 @@ bridged = ef.log_evidence(auto)  # by a single bridge: it must agree
 print(bridged)
 
 # %% [markdown]
-# A mean and a standard deviation do not describe such a posterior: report the modes one
-# by one. Conversion, tables, figures and `diagnose` use only the cold walkers.
+# A mean and a standard deviation do not describe such a posterior: report the maxima
+# one by one. Conversion, tables, figures and `diagnose` use only the cold walkers.
 #
 # - `nwalkers` counts all blocks together, a multiple of the number of betas; the
 #   default is as many for each as `run` would take.
@@ -109,7 +109,7 @@ ef.parameter_table(ef.to_inference_data(population, posterior))
 # %% [markdown]
 # A population is not a chain: there is no R-hat. Compare runs of several seeds instead.
 # **A region that no early member came near is not found**, and the standard error does
-# not include it: a narrow mode in a wide prior needs a search, `find_map` or `"auto"`.
+# not include it: a narrow maximum in a wide prior needs a search, `find_map` or `"auto"`.
 # [Moves measured](../explanation/moves_measured.md#annealed-populations) has figures.
 
 # %% tags=["remove-cell"]

@@ -3,7 +3,7 @@
 #
 # For those who wonder which sampler is best for *their* posterior: this page measures
 # it, explains the table, and shows how certain the answer is. `python
-# examples/tutorials/comparing_moves.py` runs the page (10 s). Its building and
+# examples/tutorials/comparing_moves.py` runs the page. Its building and
 # frequencies are made up.
 #
 # ## What to measure

@@ -4,7 +4,7 @@
 # For everybody whose modes lie close together or may change their order: measured and
 # computed frequencies must not be compared by their numbers. This page shows why, and
 # how {py:class}`~emcee_femu.PairedModel` compares them by shape, even where shapes
-# mix. `python examples/tutorials/crossing_modes.py` runs the page (8 s). The test is
+# mix. `python examples/tutorials/crossing_modes.py` runs the page. The test is
 # simulated.
 #
 # A two-storey building sways along x and along y: four modes, two of them near 3 Hz.

@@ -5,7 +5,7 @@
 # matrices and no derivatives. One call learns its response from some twenty solves,
 # samples what was learned, and spends forty more solves to check the result. This page
 # makes it, takes it step by step, and shows what to do if the check fails.
-# `python examples/tutorials/hundred_solves.py` runs the page (25 s). Structure and data
+# `python examples/tutorials/hundred_solves.py` runs the page. Structure and data
 # are simulated; {doc}`/start/choose` says when this is the way to go.
 #
 # ## The program

@@ -4,7 +4,7 @@
 # For those whose mesh has too many degrees of freedom to be solved thousands of
 # times. It need not be: some fifty full solves make a small model that replaces it,
 # with a certificate of its error. `python examples/tutorials/large_models.py` runs
-# the page (10 s). Structure and data are simulated.
+# the page. Structure and data are simulated.
 #
 # ## The matrices
 #

@@ -4,7 +4,7 @@
 # For runs of hours or days, which meet power cuts, time limits of a queue, full disks
 # and solves that do not converge. This page keeps a run in a file, kills it,
 # continues it to exactly the same chain, and shows what happens if the model has
-# changed. `python examples/tutorials/long_runs.py` runs the page (12 s). The measured
+# changed. `python examples/tutorials/long_runs.py` runs the page. The measured
 # frequencies are made up.
 #
 # ## Resume and restart

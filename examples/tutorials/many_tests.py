@@ -5,7 +5,7 @@
 # loads and excitation change. This page shows how much the parameters vary from test
 # to test, what this depends on, and what to expect of the next test. The tests are
 # simulated, so the answer is known. `python examples/tutorials/many_tests.py` runs
-# the page (20 s).
+# the page.
 #
 # A single posterior of all data assumes that the parameters are constant, so its
 # standard deviations shrink below the scatter between tests.
@@ -143,7 +143,7 @@ pooled.population
 # The likelihood of a population is a product over the tests. Each factor is the average
 # of normal density / prior density over the draws of that test's posterior. Its error
 # grows with the number of pooled parameters: an ESS of a few hundred per test at least;
-# `draws=4_000` uses more of them. `pytest -m slow tests/population/test_truth.py`
+# `draws=4_000` uses more of them. `pytest -m slow tests/extensions/population/test_normal.py`
 # compares it with quadrature.
 
 # %% tags=["remove-cell"]

@@ -3,7 +3,7 @@
 #
 # For everybody with a table of measured frequencies and mode shapes: this page
 # updates a frame model with it, checks whether the result can be trusted, and reports
-# it. `python examples/tutorials/modal_test.py` runs the page (15 s) and leaves a file
+# it. `python examples/tutorials/modal_test.py` runs the page and leaves a file
 # in `figures/modal_test`.
 #
 # The test is simulated: the structure is a two-storey steel frame of one bay, 6.0 m

@@ -4,7 +4,7 @@
 # For those who must decide how many parameters the data justify. A *model class* is a
 # model, its parameters and their prior. This page compares classes by their evidence,
 # and shows what such a comparison depends on. `python
-# examples/tutorials/model_classes.py` runs the page (6 s). Its building and
+# examples/tutorials/model_classes.py` runs the page. Its building and
 # frequencies are made up.
 #
 # More parameters always fit better, so the fit cannot choose. The *evidence* can. It is

@@ -4,7 +4,7 @@
 # For a first update of your own: the structure that every engineer draws, and a table
 # as a laboratory writes it. Two columns and a beam of reinforced concrete were tested
 # with six accelerometers. What are the moduli of the columns and of the beam, and how
-# sure is that? `python examples/tutorials/portal_frame.py` runs the page (10 s). The
+# sure is that? `python examples/tutorials/portal_frame.py` runs the page. The
 # test is simulated, with 25.5 GPa in the columns and 33 GPa in the beam.
 #
 # ## What the laboratory sent

@@ -6,7 +6,7 @@
 # which methods of model updating are compared since 1995. This page shows what goes
 # wrong if modes are compared by number, how modes are followed without measured
 # shapes, and how a bad fit leads to what the model lacks. `python
-# examples/tutorials/real_aircraft.py` runs the page (half a minute).
+# examples/tutorials/real_aircraft.py` runs the page.
 
 # %% tags=["remove-cell"]
 import sys

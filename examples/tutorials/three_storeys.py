@@ -6,7 +6,7 @@
 # (LA-14393, doi:10.2172/961604), aluminium plates on columns that slide on rails. The
 # model, its updated factors and their frequencies are from the program of Dessena et al.
 # (2024), doi:10.1016/j.cma.2023.116511. Does an update find the same factors?
-# `python examples/tutorials/three_storeys.py` runs this page (6 s of processor time).
+# `python examples/tutorials/three_storeys.py` runs this page.
 #
 # A chain of four masses that nothing holds has one rigid-body mode: `skip=1`. Masses by
 # name are parameters, as springs are.

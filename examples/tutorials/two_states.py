@@ -4,7 +4,7 @@
 # For those who must say how much stiffness was lost between two tests, and how sure
 # that is. One posterior has both states, and the fall is computed from its samples,
 # with an interval and a probability. **All data of this page are simulated**, so that
-# the truth is known. `python examples/tutorials/two_states.py` runs the page (13 s).
+# the truth is known. `python examples/tutorials/two_states.py` runs the page.
 #
 # A steel mast of 12 m has three parts. Five frequencies were measured when it was new,
 # and again after a storm, each to 0.2 %. In truth the lower part has lost 6 % of its

@@ -4,7 +4,7 @@
 # For those who plan a test, or wonder why a parameter stays unknown. Before a test,
 # you can see which parameters it will determine, and choose modes and sensors
 # accordingly. After the test, you can separate what the data say from what only the
-# prior says. `python examples/tutorials/what_is_learned.py` runs the page (6 s). The
+# prior says. `python examples/tutorials/what_is_learned.py` runs the page. The
 # test is simulated.
 #
 # A shear building has five floors of 20 t. The factors k1 to k5 of its storeys' nominal

@@ -38,7 +38,10 @@ MOVES = {
 WRONG = {"alone": GAUSSIAN, "mixed": SNOOKER}  # if the installed one is
 
 
-@pytest.mark.parametrize("version", [None, "3.1.10"])
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize("version", [None, pytest.param("3.1.10", marks=SLOW)])
 def test_a_comparison_warns_of_what_is_wrong(version, monkeypatch):
     """And of no later release."""
     if version:

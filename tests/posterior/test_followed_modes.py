@@ -79,6 +79,7 @@ def test_a_mode_that_lost_its_shape_is_not_followed():
     assert numbers.tolist() == [[1, 2], [0, 0]]
 
 
+@pytest.mark.slow
 def test_following_is_counted_in_solves_also_in_a_file(tmp_path):
     model, path = Counting(MODEL), str(tmp_path / "run.chain")
     counted = run_of(model, 20)
@@ -89,6 +90,7 @@ def test_following_is_counted_in_solves_also_in_a_file(tmp_path):
     assert again.solves == told == run_of(MODEL, 20).solves
 
 
+@pytest.mark.slow
 def test_mirrored_maxima_are_named_and_means_between_clouds(found):
     mirrored = run_of(MODEL, prior=ALIKE)
     np.testing.assert_allclose(mirrored.search.weights, 0.5, atol=0.05)

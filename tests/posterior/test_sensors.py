@@ -44,6 +44,7 @@ def test_no_right_test_is_suspect():
     assert [seed for seed in range(30) if suspects(measured(seed)[0])] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_of_wrong_sensors_nine_of_ten_are_named(fault):
     named = 0

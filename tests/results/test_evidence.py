@@ -153,6 +153,7 @@ def test_what_has_no_evidence_is_refused(case):
         ef.log_evidence(make())
 
 
+@pytest.mark.slow
 def test_the_arviz_object_of_auto_has_the_same_evidence(tmp_path):
     law = GaussianLaw()
     run = ef.run(law.posterior, "auto", 16, 200, ensembles=2, seed=1)

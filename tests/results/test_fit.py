@@ -405,6 +405,7 @@ def test_it_costs_eight_solves_where_shapes_are_not_stored_and_none_elsewhere():
         assert sum(asked) == solves
 
 
+@pytest.mark.slow
 def test_a_certificate_has_the_judgement_of_its_weighted_draws():
     posterior = target(broken("gain"))
     near = ef.MatrixModel(0 * K, 2.02 * np.eye(N), {"k": K}, n_modes=N, shapes=True)

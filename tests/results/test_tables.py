@@ -89,6 +89,21 @@ def test_parameter_table_equals_numbers_by_hand(idata):
     assert "prior mean" not in engineer.columns
 
 
+def test_what_is_published_is_printed_as_it_was_given():
+    """A percentage has neither the unit of its row nor the digits of the row's sd."""
+
+    def log_likelihood(x):
+        return -0.5 * ((x[0] - 2.1e11) / 4e9) ** 2
+
+    bounds, units = {"E": (1e11, 3e11)}, {"E": "Pa"}
+    posterior = ef.LogPosterior.from_function(log_likelihood, bounds, units=units)
+    run = ef.run(posterior, ef.DEMCMove(), 8, 40, seed=1, ensembles=1)
+    published = {"paper": {"E": 2.0625e11}, "c.o.v. %": {"E": 1.03}}
+    words = str(ef.parameter_table(run, published=published)).split()
+    assert {"2.0625e+11", "1.03", "Pa"} < {*words} and "GPa" not in words
+    assert "GPa" in str(ef.parameter_table(run)).split()
+
+
 FREQUENCY_SD = np.sqrt([(2.25 + 0.25 + 0.25 + 1 + 0 + 6.25) / 5, 2.5 / 5])
 
 

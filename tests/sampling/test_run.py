@@ -1,8 +1,5 @@
 """run: seeds, starts, ensembles, moves, and the traps of plain emcee."""
 
-import re
-import sys
-
 import emcee
 import numpy as np
 import pytest
@@ -12,7 +9,6 @@ from support.free_posterior import box, free_posterior
 from support.runs import Still, never, shorten_search
 
 import emcee_femu as ef
-from emcee_femu.evaluation import samplers
 
 PROBLEM = ef.paper.mass_spring()
 
@@ -104,38 +100,3 @@ OUTSIDE[3, 2] = 9999.0
 def test_what_does_not_fit_is_refused_before_the_first_solve(options, error, named):
     with pytest.raises(error, match=named):
         run(**{"posterior": UNSOLVED} | options)
-
-
-@pytest.mark.parametrize(
-    "terminal, asked, shown",
-    [(True, None, "bar"), (True, False, ""), (False, None, ""), (False, True, "lines")],
-)
-def test_a_bar_or_lines_are_shown(terminal, asked, shown, monkeypatch, capsys):
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
-    run(steps=15, ensembles=2, progress=asked)
-    said = capsys.readouterr().err
-    assert ("sampling: 100%" in said and "30/30" in said) == bool(shown)
-    assert ("\r" in said) == (shown == "bar")
-    if shown == "lines":
-        counts = [line.split()[2].split("/")[0] for line in said.splitlines()]
-        assert [int(count) for count in counts] == [*range(3, 31, 3)]
-
-
-@pytest.mark.slow
-def test_the_bar_of_a_run_that_ends_by_itself_ends_full(monkeypatch, capsys):
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    made = ef.run(PROBLEM.posterior, seed=1)
-    last = capsys.readouterr().err.rstrip().split("\r")[-1]
-    assert "converged, ESS" in last and "100%" in last and len(last) <= 80
-    assert f"{made.solves}/{made.solves}" in last
-
-
-def test_a_notebook_without_widgets_shows_lines(monkeypatch, capsys):
-    monkeypatch.setattr(samplers, "_in_notebook", lambda: True)
-    monkeypatch.setattr(samplers, "find_spec", lambda name: None)
-    run(steps=15, ensembles=2, progress=None)
-    said = capsys.readouterr().err
-    assert len(re.findall(r"^sampling: \d+% ", said, re.M)) == 10
-    monkeypatch.setenv("TQDM_DISABLE", "1")
-    run(steps=15, ensembles=2, progress=None)
-    assert capsys.readouterr().err == ""

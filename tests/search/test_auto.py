@@ -136,6 +136,7 @@ def pressed(x):
     return -0.5 * (((np.exp(0.5 * (x - truth) @ mixed.T) - 1) / 0.02) ** 2).sum(axis=1)
 
 
+@pytest.mark.slow
 def test_the_search_keeps_to_its_budget_whatever_lies_at_bounds(caplog):
     """Fault 23: 94,802 to 157,164 evaluations for chains of 8,000 to 13,000."""
     caplog.set_level("INFO", "emcee_femu")

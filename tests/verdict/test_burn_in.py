@@ -175,6 +175,7 @@ def test_a_file_of_a_version_that_kept_no_burn_in_is_read(stored):
     assert ef.diagnose(path).discard == run.burn_in
 
 
+@pytest.mark.slow
 def test_a_run_that_goes_on_has_the_burn_in_of_a_whole_one(tmp_path):
     path = tmp_path / "run.chain"
     whole = sampled(None, steps=60)
@@ -185,6 +186,7 @@ def test_a_run_that_goes_on_has_the_burn_in_of_a_whole_one(tmp_path):
     assert again.burn_in == whole.burn_in == ef.diagnose(path).discard
 
 
+@pytest.mark.slow
 def test_given_starts_are_a_way_in_too():
     starts = np.full((2, 8, 3), 40.0) + np.random.default_rng(1).normal(size=(2, 8, 3))
     run = ef.run(FAR, ef.DEMCMove(), starts=starts, **OPTIONS | {"steps": 300})

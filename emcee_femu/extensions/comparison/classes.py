@@ -7,6 +7,7 @@ import numpy as np
 
 from ... import checks
 from ...contracts import Floats
+from ...digits import show
 from ...results.evidence import Evidence, log_evidence
 from ...table import Column, Parts, Report, Table
 
@@ -130,10 +131,10 @@ def compare_models(
     verdicts[0] = "first"
     columns: list[Column] = [
         ("model class", "", labels),
-        ("log evidence", ".2f", values),
-        ("+-", ".2g", errors),
-        ("ln Bayes factor", ".2f", lead),
-        ("its +-", ".2g", lead_errors),
+        ("log evidence", show(values, errors), values),
+        ("+-", show(errors, errors), errors),
+        ("ln Bayes factor", show(lead, lead_errors), lead),
+        ("its +-", show(lead_errors, lead_errors), lead_errors),
         ("probability", ".3g", probabilities),
         ("verdict", "", verdicts),
     ]

@@ -8,6 +8,7 @@ import numpy as np
 
 from ... import checks
 from ...contracts import Floats, Move
+from ...digits import show
 from ...moves import HamiltonianMove
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import InferenceData, samples
@@ -21,6 +22,7 @@ from ...verdict.burn_in import FEWEST_STEPS
 from ...verdict.diagnosis import Diagnosis
 
 MOVE_LEAD = 2.0  # combined standard errors by which a winner must be ahead
+UNSURE_PACE = 0.1  # of a pace per second, which changes with the machine's load
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -251,7 +253,8 @@ class Entry:
 
     def __str__(self) -> str:
         """Return label, efficiency and its standard error."""
-        return f"{self.label} {self.efficiency:.3g} +- {self.error:.2g}"
+        efficiency, error = show([self.efficiency, self.error], self.error)
+        return f"{self.label} {efficiency} +- {error}"
 
 
 def _tabulate(
@@ -266,6 +269,8 @@ def _tabulate(
     are the largest against a reference, in its standard deviations.
     """
     diagnoses = [entry.diagnosis for entry in entries]
+    efficiency, error = [e.efficiency for e in entries], [e.error for e in entries]
+    pace = [e.per_cpu_second for e in entries]
     columns: list[Column] = [
         ("move", "", [e.label for e in entries]),
         ("FE solves", "d", [e.run.solves for e in entries]),
@@ -276,9 +281,9 @@ def _tabulate(
         ("steps/tau", ".0f", [float(d.steps_per_tau.min()) for d in diagnoses]),
         ("ESS bulk", ".0f", [float(d.ess_bulk.min()) for d in diagnoses]),
         ("ESS tail", ".0f", [float(d.ess_tail.min()) for d in diagnoses]),
-        ("ESS per 1000", ".3g", [e.efficiency for e in entries]),
-        ("+-", ".2g", [e.error for e in entries]),
-        ("ESS per CPU s", ".5g", [e.per_cpu_second for e in entries]),
+        ("ESS per 1000", show(efficiency, error), efficiency),
+        ("+-", show(error, error), error),
+        ("ESS per CPU s", show(pace, UNSURE_PACE * np.array(pace)), pace),
         ("R-hat ensembles", ".3f", [float(d.rhat_between.max()) for d in diagnoses]),
     ]
     if moments:
@@ -337,8 +342,7 @@ def conclude(entries: Sequence[Entry]) -> tuple[str | None, str]:
     if unfit and able:
         lines.append(f"Not converged, so excluded: {', '.join(unfit)}.")
     lines += [
-        f"{entry.label}: {entry.run.search.sentence}; {entry.run.evaluations} "
-        "evaluations in all before its chains."
+        f"{entry.label}: {entry.run.search.sentence}."
         for entry in entries
         if entry.run.search is not None
     ]

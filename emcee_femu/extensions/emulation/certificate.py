@@ -7,9 +7,17 @@ import numpy as np
 
 from ...contracts import Floats, Reported
 from ...posterior.log_posterior import LogPosterior
-from ...results.arviz_objects import InferenceData, groups, unit_of, wrap
+from ...results.arviz_objects import (
+    JUDGED_IN,
+    NOTE,
+    InferenceData,
+    groups,
+    unit_of,
+    wrap,
+)
 from ...results.evidence import Evidence
-from ...results.to_arviz import convert, judge_samples, pick_some, store_fit
+from ...results.groups import convert, pick_some
+from ...results.to_arviz import judge_samples, store_fit
 from ...search.importance import GOOD_K
 from ...search.record import Chains
 from ...table import Parts, Report, Table, number_columns
@@ -24,6 +32,7 @@ SURE = 2.0  # standard errors added to differences, against chance in few draws
 MISSED_SHARE = 0.01  # share of the posterior that may be missing
 FOUND = 0.25  # share of a maximum's weight below which the draws miss it
 CERTIFIED, CORRECTED, REFUSED = "certified", "corrected", "refused"
+GROUP = "certificate"  # of the ArviZ object
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -61,6 +70,7 @@ class Certificate(Report):
         emulated_evidence: The log evidence of the emulated posterior, if "auto" sampled
             it.
         emulated: The emulator that :func:`.run_emulated` made.
+        posterior: The true posterior.
         idata: The ArviZ object for further work. If the verdict is *corrected*, it
             holds the draws that were solved in full, with their weights in
             ``sample_stats``, and tables and figures show the weighted draws. Otherwise
@@ -93,6 +103,7 @@ class Certificate(Report):
     notes: tuple[str, ...] = ()
     emulated_evidence: Evidence | None = None
     emulated: Report | None = None
+    posterior: LogPosterior | None = None
     idata: InferenceData | None = None
 
     def reported(self) -> Reported:
@@ -280,7 +291,8 @@ class Certificate(Report):
                 sealed["posterior_predictive"] = pick_some(
                     sealed["new_measurement"], self.weights[possible]
                 )
-        sealed["posterior"] = sealed["posterior"].assign_attrs(certificate=text)
+        noted = {NOTE: text, JUDGED_IN: GROUP}
+        sealed["posterior"] = sealed["posterior"].assign_attrs(noted)
         told = {
             "verdict": self.verdict,
             "refused": int(self.short == REFUSED),  # netCDF has no truth values
@@ -291,7 +303,7 @@ class Certificate(Report):
             held = found.log_evidence, found.log_evidence_error, found.method
             rest = found.problems, found.failed_solves, found.log_box
             told["evidence"] = json.dumps([*held, *rest])
-        sealed["certificate"] = xarray.Dataset(
+        sealed[GROUP] = xarray.Dataset(
             {
                 "theta": (("solve", "parameter"), self.theta),
                 "weight": ("solve", self.weights),

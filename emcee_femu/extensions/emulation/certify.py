@@ -16,12 +16,11 @@ from scipy.special import logsumexp, softmax
 from ... import checks
 from ...contracts import Floats
 from ...evaluation.evaluator import Evaluation
+from ...evaluation.progress import check_progress, progress_bar
 from ...evaluation.resume import open_evaluator
-from ...evaluation.samplers import check_progress, progress_bar
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import (
     InferenceData,
-    certificate_of,
     dataset,
     groups,
     samples,
@@ -36,7 +35,7 @@ from ...search.importance import GOOD_K, kish_share, smooth_tail
 from ...verdict.burn_in import FEWEST_STEPS
 from ...verdict.diagnosis import NOT_CONVERGED, NOT_SEARCHED, SEARCHED, Statement
 from ...verdict.verdict import TOO_SHORT
-from .certificate import EQUAL_WEIGHTS, Certificate
+from .certificate import EQUAL_WEIGHTS, GROUP, Certificate
 from .emulated import SETTLED, EmulatedModel
 from .emulated_chain import (
     EmulatedChain,
@@ -169,9 +168,8 @@ def certify(
         ('certified', True)
     """
     idata, approximate = read_samples(idata, judged=True)
-    if certificate_of(idata):  # of an earlier one, which is judged anew
-        held = groups(idata)
-        idata = wrap({name: held[name] for name in held if name != "certificate"})
+    if GROUP in (held := groups(idata)):  # an earlier one, which is judged anew
+        idata = wrap({name: held[name] for name in held if name != GROUP})
     check_sampled(posterior, samples(idata)[0])
     solves = checks.whole_number("solves", solves, FEWEST_SOLVES)
     seed = checks.whole_number("seed", seed)
@@ -268,6 +266,7 @@ def judge_draws(
         notes=(*warned, *_note(chain, n, len(maxima), lost, evaluator.failed)),
         emulated_evidence=log_evidence(chain.idata) if chain.searched else None,
         idata=chain.idata,
+        posterior=evaluator.posterior,
     )
     return certificate, rows, emulated
 

@@ -17,8 +17,8 @@ from ... import checks
 from ...contracts import Floats
 from ...evaluation.evaluator import Evaluation
 from ...evaluation.pools import count_workers
+from ...evaluation.progress import caption, check_progress, progress_bar
 from ...evaluation.resume import describe, open_evaluator
-from ...evaluation.samplers import caption, check_progress, progress_bar
 from ...posterior.log_posterior import LogPosterior
 from ...search.coordinates import Coordinates
 from ...table import Table

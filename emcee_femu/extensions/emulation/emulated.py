@@ -25,7 +25,7 @@ from ...contracts import (
 )
 from ...evaluation.resume import check_path
 from ...likelihoods.term import Term
-from ...models.inputs import read_inside
+from ...models.parameter_sets import read_inside
 from ...posterior.experiments import Experiment
 from ...posterior.log_posterior import LogPosterior
 from ...table import Parts, Report, Table

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ...contracts import Floats
-from ...models.inputs import derive_along
+from ...models.differences import derive_along
 from .encoding import Aligned, Named, Numbers, Outputs, Symmetric, eigenvalues_of
 from .gaussian_process import Processes, fit_processes
 

@@ -30,8 +30,8 @@ from ...models.function import DensityModel
 from ...models.paired import PairedModel
 from ...posterior.experiments import expand, tangents_of
 from ...posterior.log_posterior import LogPosterior
+from ...posterior.plausibility import doubt, doubt_prior, is_constant, same_response
 from ...search.coordinates import Coordinates
-from ...search.first_solve import doubt, doubt_prior, is_constant, same_response
 from .emulated import as_modal
 from .encoding import Named
 

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from ... import checks
 from ...evaluation.pools import count_workers
+from ...evaluation.progress import caption, check_progress, progress_bar
 from ...evaluation.resume import check_path, open_evaluator
-from ...evaluation.samplers import caption, check_progress, progress_bar
 from ...posterior.log_posterior import LogPosterior
 from ...results.fit import SOLVED_AGAIN, needs_solves
 from ...results.to_arviz import read_samples
@@ -160,7 +160,8 @@ def run_emulated(
             target = points + min(int(GROWTH * points), left - CERTIFIED_BY)
             tolerance = 0.0
     best = max(reversed(made), key=lambda each: BEST_LAST.index(each.short))
-    return replace(best, solves=archive.solves, failed_solves=archive.failed)
+    spent: dict[str, Any] = {"solves": archive.solves, "failed_solves": archive.failed}
+    return replace(best, posterior=posterior, **spent)
 
 
 def _certify(

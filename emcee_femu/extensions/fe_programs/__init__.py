@@ -1,1 +1,1 @@
-"""Stiffness and mass of models built in FE programs: one file per program."""
+"""Stiffness and mass from FE programs: out of their files, or of models in Python."""

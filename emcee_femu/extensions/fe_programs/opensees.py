@@ -8,8 +8,8 @@ from scipy.sparse import csc_array
 
 from ... import checks
 from ...contracts import Floats
-from ...models.exports import Matrices
 from ...models.geometry import Geometry
+from .exports import Matrices
 
 OUTLINE_NODES = 4  # most nodes of an element whose outline is drawn
 # Directions of DOFs beyond the translations, by dimensions and DOFs of a node; others

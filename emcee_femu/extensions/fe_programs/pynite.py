@@ -7,8 +7,8 @@ import numpy as np
 from scipy.sparse import csc_array
 
 from ... import checks
-from ...models.exports import DOF_DIRECTIONS, Matrices
 from ...models.geometry import Geometry
+from .exports import DOF_DIRECTIONS, Matrices
 
 # Of supports, in the order of DOF_DIRECTIONS.
 PYNITE_AXES = ("DX", "DY", "DZ", "RX", "RY", "RZ")

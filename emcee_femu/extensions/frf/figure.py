@@ -3,12 +3,11 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from ... import checks
 from ...figures.style import BELOW, BLUE, Style, finish, subplots
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import samples
 from ...results.measured import INTERVAL
-from ...results.to_arviz import read_samples
+from ...results.to_arviz import read_samples_and_model
 from ...verdict.statistics import spread_out
 from .model import FRFTerm
 
@@ -56,8 +55,7 @@ def plot_frf(
         >>> len(ef.frf.plot_frf(run).axes)  # one channel
         1
     """
-    idata, posterior = read_samples(idata, posterior)
-    posterior = checks.instance("posterior", posterior, LogPosterior)
+    idata, posterior = read_samples_and_model(idata, posterior)
     pairs = [
         (measured_in.model, term.measured, term.reads)
         for measured_in in posterior.experiments

@@ -21,7 +21,7 @@ from ...contracts import (
 )
 from ...likelihoods.term import MODEL_ERROR, Deviations, Term, error_array
 from ...measurements.modes import LARGE_DAMPING, doubt_percent
-from ...models.inputs import derive_along
+from ...models.differences import derive_along
 from ...models.matrix import AffineModel, StaticModel
 from ...models.sensors import Sensor
 from .measurements import (

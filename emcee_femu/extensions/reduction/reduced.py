@@ -28,8 +28,8 @@ from ...contracts import (
 )
 from ...models.assembled import AssembledModel
 from ...models.geometry import Geometry
-from ...models.inputs import read_inside
 from ...models.matrix import AffineModel
+from ...models.parameter_sets import read_inside
 from ...table import Parts, Report
 from .ritz_basis import GOOD_IN_A_ROW, RESERVE, RitzBasis, not_reached
 

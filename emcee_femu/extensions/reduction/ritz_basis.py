@@ -10,8 +10,8 @@ from scipy.sparse import csc_array
 from ...contracts import Floats
 from ...models.assembled import AssembledModel
 from ...models.eigen_sparse import check_mass, lowest_modes
-from ...models.inputs import describe
 from ...models.matrix import AffineModel
+from ...models.parameter_sets import describe
 
 GOOD_IN_A_ROW = 3  # consecutive full solves that add nothing new
 RESERVE = 0.2  # share of the tolerance for the basis before truncation

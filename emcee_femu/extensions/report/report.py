@@ -27,6 +27,8 @@ from ...posterior.priors import list_laws
 from ...results.arviz_objects import (
     InferenceData,
     groups,
+    judgement_of,
+    note_of,
     prior_constants,
     prior_draws,
     samples,
@@ -35,7 +37,13 @@ from ...results.arviz_objects import (
 from ...results.chains import read_chains
 from ...results.diagnose import diagnose
 from ...results.identifiability import identifiability
-from ...results.measured import Measured, each_term, read_measured
+from ...results.measured import (
+    Measured,
+    each_term,
+    find_pairs,
+    read_measured,
+    with_frequencies,
+)
 from ...results.tables import (
     frequency_table,
     pairing_table,
@@ -137,9 +145,8 @@ def report(
     held = groups(idata)
     measured = read_measured(idata)
     judged = diagnose(run or idata, discard if run else None)
-    with_frequencies = _find_places((part.name for part in measured), "frequency")
-    frequencies = [frequency_table(idata, experiment=e) for e in with_frequencies]
-    with_pairs = _find_places(map(str, held.get("response", ())), "mac")
+    places = [part.experiment or None for part in with_frequencies(measured)]
+    frequencies = [frequency_table(idata, experiment=e) for e in places]
     environment = Environment(autoescape=True, undefined=StrictUndefined)
     environment.filters |= {"show": _show, "draw": _draw}
     template = Path(__file__).with_name("report.html.jinja").read_text("utf-8")
@@ -167,7 +174,8 @@ def report(
         chains=read_chains(idata),
         run=run,
         diagnosis=judged,
-        certificate=held["certificate"].attrs if "certificate" in held else None,
+        verdict=judgement_of(idata).get("verdict", ""),
+        note=note_of(idata),
         outcome=tabulate_result(idata),
         trust=say_trust(judged, measured),
         models=[
@@ -177,11 +185,11 @@ def report(
             idata, var_names=[*map(str, idata["posterior"].data_vars)]
         ),
         derived=_tabulate_derived(idata, derived) if derived is not None else None,
-        frequencies=[*zip(with_frequencies, frequencies, strict=True)],
+        frequencies=[*zip(places, frequencies, strict=True)],
         pictures=dict(_draw_all(idata, sampled, measured, result, own)),
         predicted=_tabulate_predictions(idata, sampled, measured),
         fitted=frequency_table(idata) if frequencies else None,
-        pairings=pairing_table(idata) if with_pairs else None,
+        pairings=pairing_table(idata) if find_pairs(idata) else None,
         identifiability=(
             identifiability(idata) if "constant_data" in held and not own else None
         ),
@@ -224,12 +232,6 @@ def _list_contents(page: str, long: bool) -> str:
         f'<h2 id="contents">Contents</h2><ol class="contents">{"".join(entries)}</ol>'
     )
     return page.replace(CONTENTS, listed if long else "", 1)
-
-
-def _find_places(names: Iterable[str], quantity: str) -> list[str | None]:
-    """Return the experiments that have a quantity, None for a single one."""
-    parts = (name.rpartition(".") for name in names)
-    return [experiment or None for experiment, _, last in parts if last == quantity]
 
 
 def _show(part: Table | Report) -> str:
@@ -357,7 +359,7 @@ def _draw_all(
     if own:  # a section of the result's own
         yield "own", [("", getattr(figures, own.figure)(result))]
     if measured:
-        places = dict.fromkeys(p.variable.rpartition(".")[0] for p in measured)
+        places = dict.fromkeys(part.experiment for part in measured)
         drawn = partial(figures.plot_predictive, idata, posterior)
         yield "fit", [(place, drawn(experiment=place or None)) for place in places]
     tests = posterior.experiments if posterior else ()

@@ -1,0 +1,51 @@
+"""The MAC matrix before and after updating, by closed forms of a tower."""
+
+import numpy as np
+from numpy.testing import assert_allclose
+from support.chains import dataset
+from support.figures import assert_readable
+
+import emcee_femu as ef
+
+# A tower of two unit masses, whose modes are known: k1 = k2 = 10 N/m.
+SPRINGS = {"k1": (0, 1, 10.0), "k2": (1, 2, 10.0)}
+GOLDEN = (1 + 5**0.5) / 2
+SHAPES = np.array([[1.0, 1.0], [GOLDEN, 1 - GOLDEN]])
+HERTZ = np.sqrt([10 / GOLDEN**2, 10 * GOLDEN**2]) / (2 * np.pi)
+MEASURED = np.array([[1.0, -1.1], [1.7, 0.6]])  # the second turned round
+PRIOR = ef.GaussianPrior(["k1", "k2"], [12.0, 8.0], 3.0, [(1, 30), (1, 30)])
+MODEL = ef.MassSpringModel([1.0, 1.0], SPRINGS, shapes=True)
+
+
+def run_of(shapes):
+    test = ef.Measurements(HERTZ, shapes=shapes, dofs=[0, 1])
+    term = ef.FrequencyTerm(test, relative_sd=0.01)
+    paired = ef.PairedModel(MODEL, test, candidates=2)
+    posterior = ef.LogPosterior(paired, term, PRIOR)
+    return ef.run(posterior, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
+
+
+def solved(k1, k2):
+    """Return the shapes, from closed forms."""
+    return np.linalg.eigh([[k1 + k2, -k2], [-k2, k2]])[1]
+
+
+def at_mean(run):
+    draws = dataset(ef.to_inference_data(run), "posterior")
+    return solved(*(float(draws[name].mean()) for name in ("k1", "k2")))
+
+
+def test_the_matrix_has_the_mac_before_and_after_with_frames_around_the_pairs():
+    for shapes, pairs in (
+        (MEASURED, [[0, 0], [1, 1]]),
+        (SHAPES[:, ::-1], [[1, 0], [0, 1]]),
+    ):
+        source = run_of(shapes)
+        figure = ef.figures.plot_mac(source)
+        assert_readable(figure)
+        before_and_after = solved(*PRIOR.mean), at_mean(source)
+        for axes, own in zip(figure.axes, before_and_after, strict=False):
+            expected = (shapes.T @ own) ** 2 / (shapes**2).sum(axis=0)[:, None]
+            assert_allclose(axes.images[0].get_array(), expected, rtol=1e-9)
+            centres = [np.mean(p.get_corners(), axis=0) for p in axes.patches]
+            assert_allclose(centres, pairs, atol=1e-12)

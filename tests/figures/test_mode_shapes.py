@@ -1,0 +1,263 @@
+"""Mode shapes on the structure: what is drawn where."""
+
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+from numpy.testing import assert_allclose
+from support.chains import dataset
+from support.figures import assert_readable
+
+import emcee_femu as ef
+
+# A tower of two unit masses, whose modes are known: k1 = k2 = 10 N/m.
+SPRINGS = {"k1": (0, 1, 10.0), "k2": (1, 2, 10.0)}
+GOLDEN = (1 + 5**0.5) / 2
+SHAPES = np.array([[1.0, 1.0], [GOLDEN, 1 - GOLDEN]])
+HERTZ = np.sqrt([10 / GOLDEN**2, 10 * GOLDEN**2]) / (2 * np.pi)
+MEASURED = np.array([[1.0, -1.1], [1.7, 0.6]])  # the second turned round
+PRIOR = ef.GaussianPrior(["k1", "k2"], [12.0, 8.0], 3.0, [(1, 30), (1, 30)])
+TOWER = ef.Geometry(
+    {"foot": (0, 0), "middle": (0, 3), "top": (0, 6)},
+    [("foot", "middle"), ("middle", "top")],
+    {0: ("middle", "ux"), 1: ("top", "ux")},
+)
+MODEL = ef.MassSpringModel([1.0, 1.0], SPRINGS, shapes=True)
+TEST = ef.Measurements(HERTZ, shapes=MEASURED, dofs=[0, 1])
+MOVED, AT_SENSORS = "updated model", "updated model at the sensors"
+
+
+def sampled(posterior):
+    return ef.run(posterior, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
+
+
+def run_of(model, measured, candidates=2):
+    term = ef.FrequencyTerm(measured, relative_sd=0.01)
+    if candidates:
+        model = ef.PairedModel(model, measured, candidates=candidates)
+    return sampled(ef.LogPosterior(model, term, PRIOR))
+
+
+@pytest.fixture(scope="module")
+def run():
+    return run_of(MODEL, TEST)
+
+
+def solved(k1, k2):
+    """Return the shapes, from closed forms."""
+    return np.linalg.eigh([[k1 + k2, -k2], [-k2, k2]])[1]
+
+
+def at_mean(run):
+    draws = dataset(ef.to_inference_data(run), "posterior")
+    return solved(*(float(draws[name].mean()) for name in ("k1", "k2")))
+
+
+def lines(axes, label):
+    (drawn,) = (
+        c
+        for c in axes.collections
+        if isinstance(c, LineCollection) and c.get_label() == label
+    )
+    return np.array(drawn.get_segments())
+
+
+def points(axes, label):
+    (drawn,) = (line for line in axes.lines if line.get_label() == label)
+    return drawn.get_xydata()
+
+
+def test_the_structure_moves_as_the_updated_model_does_in_its_plane(run):
+    figure = ef.figures.plot_shapes(run, geometry=TOWER)
+    shapes = at_mean(run)
+    for i, axes in enumerate(figure.axes):
+        rest = [[[0, 0], [0, 3]], [[0, 3], [0, 6]]]
+        assert_allclose(lines(axes, "at rest"), rest, atol=1e-12)
+        moved = lines(axes, MOVED)
+        # The largest displacement is 15 % of the structure; the foot stands still.
+        assert_allclose(moved[:, :, 1], [[0, 3], [3, 6]], atol=1e-12)
+        assert_allclose(moved[0, 0], [0, 0], atol=1e-12)
+        measured = points(axes, "measured")[:, 0]
+        sensors = points(axes, AT_SENSORS)[:, 0]
+        assert_allclose(sensors, moved[:, 1, 0], rtol=1e-9)
+        largest = max(np.abs(measured).max(), np.abs(sensors).max())
+        assert largest == pytest.approx(0.15 * 6)
+        assert_allclose(sensors[1] / sensors[0], shapes[1, i] / shapes[0, i], rtol=1e-8)
+        # Measured shapes have the model's scale and sign, by least squares.
+        assert_allclose(measured[1] / measured[0], MEASURED[1, i] / MEASURED[0, i])
+        assert (measured - sensors) @ measured == pytest.approx(0, abs=1e-9)
+    assert_readable(figure)
+    assert len(ef.figures.plot_shapes(run, geometry=TOWER, modes=2).axes) == 1
+
+
+def test_what_cannot_be_drawn_says_what_to_give(run):
+    bare = ef.Geometry({0: (0, 0), 1: (0, 1)}, [(0, 1)], {0: (1, "ux")})
+    for wrong, message in (
+        ({"modes": [3]}, "modes: .*from 1 to 2"),
+        ({"modes": []}, "modes"),
+        ({"geometry": None}, "geometry"),
+        ({"geometry": bare}, r"geometry: .*\[1\]"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ef.figures.plot_shapes(run, **{"geometry": TOWER} | wrong)
+    plain = run_of(ef.MassSpringModel([1.0, 1.0], SPRINGS), HERTZ, 0)
+    for plot, options in (
+        (ef.figures.plot_shapes, {"geometry": TOWER}),
+        (ef.figures.plot_mac, {}),
+    ):
+        with pytest.raises(ValueError, match="shapes=True"):
+            plot(plain, **options)
+    term = ef.FrequencyTerm(TEST, relative_sd=0.01)
+    paired = ef.PairedModel(MODEL, TEST, candidates=2)
+    tests = {"empty": (paired, term), "plain": (MODEL, term)}
+    both = sampled(ef.LogPosterior.joint(tests, PRIOR))
+    assert len(ef.figures.plot_mac(both, experiment="empty").axes) == 3
+    with pytest.raises(ValueError, match="pairs no"):
+        ef.figures.plot_mac(both, experiment="plain")
+
+
+def test_without_a_name_every_experiment_that_can_be_drawn_is():
+    """Two that pair modes, and one between them that does not."""
+    term = ef.FrequencyTerm(TEST, relative_sd=0.01)
+    paired = ef.PairedModel(MODEL, TEST, candidates=2)
+    plain = ef.FunctionModel(lambda p: [0.085 * p["k1"] ** 0.5], n_modes=1)
+    first = ef.FrequencyTerm([0.27], relative_sd=0.01)
+    tests = {"empty": (paired, term), "plain": (plain, first), "full": (paired, term)}
+    run = sampled(ef.LogPosterior.joint(tests, PRIOR))
+    table = ef.pairing_table(run)
+    rows = [f"{name}, {mode}" for name in ("empty", "full") for mode in (1, 2, "any")]
+    assert table.column("mode") == rows
+    for plot, options, of_one in (
+        (ef.figures.plot_mac, {}, 3),
+        (ef.figures.plot_shapes, {"geometry": TOWER}, 2),
+    ):
+        one = plot(run, experiment="full", **options)
+        figure = plot(run, **options)
+        assert len(one.axes) == of_one and len(figure.axes) == 2 * of_one
+        above = [part.get_suptitle() for part in figure.subfigs]
+        assert above == ["empty", "full"] and one.get_suptitle() == "full"
+        drawn = [axes.get_title() for axes in figure.axes]
+        assert drawn == 2 * [axes.get_title() for axes in one.axes]
+
+
+@pytest.mark.parametrize(
+    ("shapes", "supports", "count"), [(True, [], 4), ([0, 1, 3], ["0"], 2)]
+)
+def test_a_floor_without_a_sensor_is_not_drawn_at_rest(shapes, supports, count):
+    """Four storeys, sensors at the first, the second and the roof."""
+    storey = np.eye(4) - np.eye(4, k=-1)
+    k = {"k1": storey[:2].T @ storey[:2], "k2": storey[2:].T @ storey[2:]}
+    model = ef.MatrixModel(np.zeros((4, 4)), np.eye(4), k, n_modes=1, shapes=shapes)
+    test = ef.Measurements([0.18], shapes=[[0.35], [0.65], [1.0]], dofs=[0, 1, 3])
+    storeys = [(str(i), str(i + 1)) for i in range(4)]
+    sensors = {i: (str(i + 1), "ux") for i in range(4)}
+    nodes = {str(i): (0, 3 * i) for i in range(5)}
+    geometry = ef.Geometry(nodes, storeys, sensors, supports)
+    (axes,) = ef.figures.plot_shapes(run_of(model, test, 1), geometry=geometry).axes
+    moved = lines(axes, MOVED)
+    assert len(moved) == count and moved[0, 0].tolist() == [0, 0]
+    assert (np.diff(moved[:, :, 0]) > 0).all()  # the first mode has no kink to rest
+
+
+def test_sensors_across_each_other_add_up_and_a_skew_one_is_not_counted_twice():
+    """Three sensors at one node, one at 45 degrees: the node moves as it does."""
+    half, move = 0.5**0.5, np.array([0.6, 0.2])
+    directions = {"a": (1, "ux"), "b": (1, "uy"), "c": (1, [half, half, 0.0])}
+    shape = np.array([[move[0]], [move[1]], [half * move.sum()]])
+    model = ef.FunctionModel(
+        lambda p: ef.ModalSolution(np.array([p["k1"]]), shape), n_modes=1
+    )
+    test = ef.Measurements([12.0], shapes=shape, sensors=["a", "b", "c"])
+    geometry = ef.Geometry({0: (0, 0), 1: (0, 1)}, [(0, 1)], directions)
+    (axes,) = ef.figures.plot_shapes(run_of(model, test, 1), geometry=geometry).axes
+    (end,) = points(axes, AT_SENSORS)
+    along = (end - [0, 1]) / np.linalg.norm(end - [0, 1])
+    assert_allclose(along, move / np.linalg.norm(move), rtol=1e-9)
+
+
+def test_what_close_modes_span_is_drawn_at_the_sensors_only():
+    """Two modes of one frequency: the model's own shapes are turned by 45 degrees."""
+    half = 0.5**0.5
+    shapes = np.array([[half, half], [half, -half], [2, 3]])
+    model = ef.FunctionModel(
+        lambda p: ef.ModalSolution(np.array([p["k1"], p["k1"]]), shapes),
+        variables=ef.modal_variables(2, ["1:ux", "1:uy", "2:ux"]),
+    )
+    test = ef.Measurements([12.0], shapes=[[1.0], [0.0]], dofs=["1:ux", "1:uy"])
+    geometry = ef.Geometry({0: (0, 0), 1: (1, 0), 2: (2, 0)}, [(0, 1), (1, 2)])
+    (axes,) = ef.figures.plot_shapes(run_of(model, test), geometry=geometry).axes
+    assert_allclose(points(axes, AT_SENSORS), points(axes, "measured"), atol=1e-9)
+    assert not [c for c in axes.collections if c.get_label() == MOVED]
+
+
+def cantilever(elements):
+    nodes = [(0, 2.0 * i / elements) for i in range(elements + 1)]
+    section = ef.Section("E", rho=7850.0, A=1e-3, I=1e-6)
+    bars = [(i, i + 1, "bar") for i in range(elements)]
+    every = {"plane": "xz", "shapes": True, "n_modes": 2}
+    return ef.FrameModel(nodes, bars, {"bar": section}, {0: "all"}, **every)
+
+
+def drawn_modes(elements):
+    model, prior = (
+        cantilever(elements),
+        ef.GaussianPrior(["E"], [2e11], 2e9, [(1e11, 3e11)]),
+    )
+    hertz = model({"E": np.array([2e11])}).frequencies[0]
+    term = ef.FrequencyTerm(hertz, relative_sd=0.01)
+    figure = ef.figures.plot_shapes(sampled(ef.LogPosterior(model, term, prior)))
+    return [np.concatenate(lines(axes, MOVED)) for axes in figure.axes]
+
+
+def test_beams_are_drawn_as_they_bend():
+    """Three elements, drawn with their rotations, are the beam of twelve."""
+    for coarse, fine in zip(drawn_modes(3), drawn_modes(12), strict=True):
+        drawn = np.interp(fine[:, 1], *coarse[np.argsort(coarse[:, 1])].T[::-1])
+        largest = np.abs(fine[:, 0]).max()
+        assert largest > 0.1
+        sign = np.sign(coarse[-1, 0] * fine[-1, 0])
+        assert_allclose(sign * drawn, fine[:, 0], atol=0.03 * largest)
+
+
+def test_what_bends_between_nodes_stays_inside_its_panel():
+    """Mode 2 of a bar held at both ends moves most where one element has no node."""
+    nodes, section = [(0, 0), (0, 1), (0, 3)], ef.Section("E", rho=1.0, A=1.0, I=1e-3)
+    bars = [(0, 1, "bar"), (1, 2, "bar")]
+    every = {"plane": "xz", "shapes": True, "n_modes": 2}
+    supports = {0: "fixed", 2: "pinned"}
+    model = ef.FrameModel(nodes, bars, {"bar": section}, supports, **every)
+    hertz = model({"E": np.array([1e6])}).frequencies[0]
+    prior = ef.GaussianPrior(["E"], [1e6], 1e4, [(5e5, 2e6)])
+    term = ef.FrequencyTerm(hertz, relative_sd=0.01)
+    figure = ef.figures.plot_shapes(sampled(ef.LogPosterior(model, term, prior)))
+    for axes in figure.axes:
+        drawn = np.concatenate(lines(axes, MOVED))
+        for values, (low, high) in zip(
+            drawn.T, (axes.get_xlim(), axes.get_ylim()), strict=True
+        ):
+            assert low < values.min() and values.max() < high
+
+
+def test_a_panel_shows_the_structure_with_its_sensors(run):
+    figure = ef.figures.plot_shapes(run, modes=[2], geometry=TOWER, structure=True)
+    first, second = figure.axes
+    assert "2 sensors" in first.get_title() and "mode 2" in second.get_title()
+    tails = [arrow.xyann for arrow in first.texts]
+    assert_allclose(sorted(tails), [(0, 3), (0, 6)], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "sample",
+    [
+        lambda posterior: ef.anneal(posterior, 40, seed=1),
+        lambda posterior: ef.run_emulated(posterior, 60, seed=1),
+    ],
+    ids=["annealed", "emulated"],
+)
+def test_a_result_that_holds_its_posterior_is_drawn_by_its_model(sample):
+    model = ef.PairedModel(MODEL, TEST, candidates=2)
+    term = ef.FrequencyTerm(TEST, relative_sd=0.01)
+    result = sample(ef.LogPosterior(model, term, PRIOR))
+    assert ef.figures.plot_mac(result).axes and ef.figures.plot_tae(result).axes
+    assert ef.figures.plot_shapes(result, geometry=TOWER).axes
+    with pytest.raises(TypeError, match="posterior: .*ArviZ"):
+        ef.figures.plot_mac(ef.to_inference_data(result))

@@ -1,0 +1,172 @@
+"""A run without steps= ends by its own verdict, and is the same however it is made."""
+
+import time
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from support.free_posterior import box, free_posterior
+
+import emcee_femu as ef
+from emcee_femu.search.settings import SETTINGS
+
+OPTIONS = {"nwalkers": 8, "ensembles": 4, "seed": 1}
+
+
+def gaussian(x):
+    return -0.5 * (x**2).sum(axis=1)
+
+
+POSTERIOR = free_posterior(gaussian, box(-9, 9, 2))
+WIDE = ef.IndependenceMove([1.0], [[0.0, 0.0]], [2.0 * np.eye(2)])
+
+
+def run(**changes):
+    return ef.run(POSTERIOR, **{"moves": WIDE} | OPTIONS | changes)
+
+
+def chains(found):
+    return np.stack([sampler.get_chain() for sampler in found])
+
+
+LONG_RUN = "emcee_femu.sampling.run.LONG_RUN"
+LOOKS = [30]
+while LOOKS[-1] < 5_000:
+    LOOKS.append(int(np.ceil(1.15 * LOOKS[-1])))
+
+
+@pytest.fixture(scope="module")
+def ended():
+    return run(ess=2_000)
+
+
+def test_it_ends_when_it_has_converged_and_is_long_enough(ended):
+    found = ef.diagnose(ended)
+    assert ended.stopped == "converged" and found.converged
+    assert min(found.ess_bulk.min(), found.ess_tail.min()) >= 2_000
+    assert ended.solves < 200_000
+    # At the look before it was not: too few effective samples, or not converged.
+    before = max([n for n in LOOKS if n < ended[0].iteration])
+    shorter = run(steps=before)  # the same seed: the same chain
+    assert shorter.stopped == "steps" and shorter[0].iteration == before
+    earlier = ef.diagnose(shorter)
+    least = min(earlier.ess_bulk.min(), earlier.ess_tail.min())
+    assert not earlier.chains.status.startswith("converged") or least < 2_000
+
+
+@pytest.mark.slow
+def test_every_standard_deviation_is_known_then(ended, monkeypatch):
+    errors = ef.diagnose(ended).sd_error
+    settings = replace(SETTINGS, sd_at_end=errors.mean())
+    monkeypatch.setattr("emcee_femu.sampling.advance.SETTINGS", settings)
+    longer = run(ess=2_000)  # one was known as well before, but not both
+    assert longer[0].iteration > ended[0].iteration
+    assert ef.diagnose(longer).sd_error.max() <= errors.mean() < errors.max()
+
+
+@pytest.mark.slow
+def test_tails_are_as_well_known_as_the_centre_then():
+    """Of a proposal that is too narrow: walkers wait in tails."""
+    narrow = ef.IndependenceMove([1.0], [[0.0, 0.0]], [0.5 * np.eye(2)], 5.0)
+    before = ef.diagnose(run(moves=narrow, ess=2_000))
+    centre, tail = before.ess_bulk.min(), before.ess_tail.min()
+    found = run(moves=narrow, ess=(centre + tail) / 2)
+    assert tail < (centre + tail) / 2 <= ef.diagnose(found).ess_tail.min()
+
+
+@pytest.mark.slow
+def test_it_ends_when_its_solves_are_spent_and_goes_on_with_more(tmp_path, ended):
+    file = {"backend": str(tmp_path / "run.chain"), "resume": True, "ess": 2_000}
+    first = run(solves=2_000, **file)
+    assert first.stopped == "solves" and first.solves <= 2_000
+    assert ef.diagnose(file["backend"]).ess_bulk.min() < 2_000
+    second = run(**file)
+    assert second.stopped == "converged"
+    for found in (second, run(**file)):  # which has ended already
+        assert_array_equal(chains(found), chains(ended))
+
+
+@pytest.mark.slow
+def test_workers_change_nothing():
+    one, two = (run(ess=400, workers=number) for number in (None, 2))
+    assert one.stopped == "converged" and one[0].iteration > LOOKS[1]
+    assert_array_equal(chains(one), chains(two))
+
+
+def test_one_ensemble_ends_when_it_is_well_mixed():
+    found = run(ensembles=1, ess=2_000)
+    assert found.stopped == "converged"
+    assert ef.diagnose(found).chains.status == "well mixed"
+
+
+def test_auto_has_a_search_within_its_solves():
+    found = ef.run(POSTERIOR, seed=2, ess=2_000)
+    assert found.stopped == "converged" and found.search.solves < found.solves < 20_000
+    with pytest.raises(ValueError, match="solves"):
+        ef.run(POSTERIOR, seed=2, solves=500)
+
+
+def sleepy(calls, slow):
+    """Return a law whose first calls are slow."""
+
+    def law(x):
+        calls.append(len(x))
+        if len(calls) <= slow:
+            time.sleep(0.5)
+        return gaussian(x)
+
+    return law
+
+
+@pytest.mark.parametrize("slow", [1, 2])
+def test_a_batch_is_timed_where_the_first_solve_looks_slow(slow, monkeypatch):
+    """A first call may load what the others have; 16 points then say what they take."""
+    calls = []
+    # Far from .5 s / 16 and from nothing, for so many evaluations.
+    monkeypatch.setattr(LONG_RUN, 4 * 10 * 4 * 0.02)
+    posterior = free_posterior(sleepy(calls, slow), box(-9, 9, 2))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        ef.run(posterior, ef.DEMCMove(), 10, 4, seed=1)
+    assert calls[:2] == [1, 16]
+    assert any("hours" in str(one.message) for one in caught) == (slow == 2)
+
+
+def test_a_stopped_search_goes_on_with_its_budget(tmp_path, monkeypatch):
+    budgets = []
+
+    def stop(*arguments):
+        budgets.append(arguments[5])
+        raise RuntimeError("stopped")
+
+    monkeypatch.setattr("emcee_femu.sampling.run.search_and_start", stop)
+    file = {"backend": str(tmp_path / "run.chain"), "resume": True}
+    for solves in (20_000, 100_000):
+        with pytest.raises(RuntimeError, match="stopped"):
+            ef.run(POSTERIOR, seed=1, solves=solves, **file)
+    assert budgets == [10_000, 10_000]
+
+
+def test_a_worker_that_imports_for_its_first_solve_is_timed_again(monkeypatch):
+    calls, prior = [], {"a": (-9, 9), "b": (-9, 9)}
+    law = sleepy(calls, 1)
+    monkeypatch.setattr(LONG_RUN, 4 * 10 * 4 * 0.1)
+    draws = ef.LogPosterior.from_function(lambda x: law(x[None])[0], prior)
+    calls.clear()  # those by which blobs are known
+    with ThreadPoolExecutor(2) as pool, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ef.run(draws, ef.DEMCMove(), 10, 4, seed=1, pool=pool)
+
+
+def test_starts_are_drawn_until_they_are_possible():
+    """A twentieth of the prior is possible: of 40 starts 20 draws would miss 14."""
+
+    def lower(x):
+        return np.where(x[:, 0] < 0.05, -x[:, 0], -np.inf)
+
+    posterior = ef.LogPosterior.from_function(lower, {"a": (0, 1)}, vectorize=True)
+    (found, *_) = ef.run(posterior, ef.DEMCMove(), 10, 2, seed=1)
+    assert (found.get_chain() < 0.05).all()
