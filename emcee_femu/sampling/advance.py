@@ -23,8 +23,8 @@ from ..verdict.diagnosis import NOT_CONVERGED, measure
 from ..verdict.verdict import judge_chains
 from .record import Run, burn_in_of, read_backends
 
-# Steps after which the verdict is asked first if steps= is not given, a little more than
-# the 25 that tau takes.
+# Steps after which the verdict is asked first if steps= is not given: a little more
+# than the 25 that tau takes.
 FIRST_LOOK = 30
 # Steps of each further look by those of the last: few looks, and little too much.
 LOOK_FURTHER = 1.15
