@@ -190,7 +190,8 @@ def drawn_of_close(shapes, gap=0.0, measured=(1.0, 0.0)):
 def test_of_close_modes_the_combination_nearest_to_the_measured_shape_is_drawn():
     """Two modes of one frequency: the model's own shapes are turned by 45 degrees."""
     half = 0.5**0.5
-    axes = drawn_of_close(np.array([[half, half], [half, -half], [2, 3]]))
+    shapes = np.array([[half, half], [half, -half], [2, 3]]) * [1, 2]  # no unit length
+    axes = drawn_of_close(shapes)
     assert_allclose(points(axes, AT_SENSORS), points(axes, "measured"), atol=1e-9)
     foot, middle, top = lines(axes, MOVED)[[0, 0, 1], [0, 1, 1]]
     assert_allclose([foot, middle], [[0, 0], points(axes, AT_SENSORS)[0]], atol=1e-12)
