@@ -34,6 +34,9 @@ from .style import (
 Moves: TypeAlias = dict[Hashable, Floats]  # displacements (3,) by node
 
 SHAPE_COLUMNS, SHAPE_PANEL = 3, 2.33  # panels beside each other; inches of each
+TITLE_LINE, LEGEND_LINE = 0.16, 0.2  # inches
+PADDING = 0.1  # inches around a panel, and around the legend
+STEEPEST = 1.6  # height of a panel by its width, at most
 LARGEST_DRAWN = 0.15  # displacement drawn, of the size of the structure
 SHAPE_MARGIN = 0.17  # around the structure, of its size
 # A view in space: from how far to the side, and from how far above.
@@ -179,8 +182,11 @@ def _lay_out(
     count = len(numbers) + structure
     rows = -(-count // SHAPE_COLUMNS)
     columns = -(-count // rows)
-    slope = np.clip(np.divide(*(high - low)[::-1]), 0.3, 1.6)
-    inches = max(SHAPE_PANEL * columns, 3.6), 0.6 + rows * (0.4 + SHAPE_PANEL * slope)
+    slope = min(float(np.divide(*(high - low)[::-1])), STEEPEST)
+    above = TITLE_LINE * max(1 + _title(solved, n - 1).count("\n") for n in numbers)
+    below = PADDING + LEGEND_LINE * (1 if columns == SHAPE_COLUMNS else 2)
+    height = below + rows * (above + PADDING + (SHAPE_PANEL - PADDING) * slope)
+    inches = max(SHAPE_PANEL * columns, 3.6), height
     box = low, high, size
     return Layout(geometry, solved, numbers, drawn, view, *box, columns, inches)
 

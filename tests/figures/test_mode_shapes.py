@@ -89,6 +89,20 @@ def test_the_structure_moves_as_the_updated_model_does_in_its_plane(run):
     assert len(ef.figures.plot_shapes(run, geometry=TOWER, modes=2).axes) == 1
 
 
+@pytest.mark.parametrize("modes", [1, [1, 2]])
+def test_no_empty_band_is_left_above_the_legend(run, modes):
+    """Of a tall structure and a long one, in one panel or two."""
+    nodes = {"foot": (0, 0), "middle": (3, 0), "top": (6, 0)}
+    sensors = {0: ("middle", "uy"), 1: ("top", "uy")}
+    lying = ef.Geometry(nodes, TOWER.lines, sensors)
+    for geometry in (TOWER, lying):
+        figure = ef.figures.plot_shapes(run, geometry=geometry, modes=modes)
+        figure.canvas.draw()
+        top = figure.legends[0].get_window_extent().y1
+        low = min(axes.get_window_extent().y0 for axes in figure.axes)
+        assert 0 <= (low - top) / figure.dpi < 0.2  # inches
+
+
 def test_what_cannot_be_drawn_says_what_to_give(run):
     bare = ef.Geometry({0: (0, 0), 1: (0, 1)}, [(0, 1)], {0: (1, "ux")})
     for wrong, message in (
