@@ -74,6 +74,10 @@ Places: TypeAlias = Sequence[Any]  # labels along a dimension
 # {variable: {parameter: (n, *shape)}}, of a model's jacobian
 Derivatives: TypeAlias = dict[str, dict[str, Floats]]
 
+# The columns that begin each row of a posterior, whatever the terms.
+LOG_POSTERIOR = 0
+LOG_PRIOR = 1
+
 WRAP = "a function of one parameter set becomes a model by FunctionModel(function)"
 PLACED = "emcee_femu_place"  # marks errors that already name their parameters
 
@@ -404,6 +408,11 @@ class RepeatedModes(ValueError):
     A ``jacobian`` raises it. Climbs, ``run`` and ``find_map`` then use differences of
     the response instead.
     """
+
+
+def split_rows(rows: Floats) -> tuple[Floats, Floats]:
+    """Return log-posteriors ``(n,)``, and what follows in each row, emcee's blobs."""
+    return rows[:, LOG_POSTERIOR], rows[:, LOG_POSTERIOR + 1 :]
 
 
 def gather_tangents(

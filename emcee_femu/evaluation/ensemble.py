@@ -6,8 +6,7 @@ from inspect import signature
 import emcee
 import numpy as np
 
-from ..contracts import Floats, Move
-from ..posterior.log_posterior import LOG_POSTERIOR
+from ..contracts import Floats, Move, split_rows
 from .evaluator import Bar, Evaluation
 from .memory import (
     Found,
@@ -28,8 +27,7 @@ def start_state(
 ) -> emcee.State:
     """Return emcee's state of evaluated walkers, with a random stream of that seed."""
     random = np.random.RandomState(np.random.MT19937(seed)).get_state()
-    log_p, blobs = rows[:, LOG_POSTERIOR], np.delete(rows, LOG_POSTERIOR, axis=1)
-    return emcee.State(theta, log_p, blobs, random)
+    return emcee.State(theta, *split_rows(rows.copy()), random)
 
 
 class Sampler(emcee.EnsembleSampler):
@@ -63,7 +61,8 @@ class Sampler(emcee.EnsembleSampler):
         rows = self.evaluator.rows(coords)
         if self._found is not None:
             self._found.append((coords.copy(), rows))
-        return rows[:, 0].copy(), rows[:, 1:]
+        log_prob, blobs = split_rows(rows)
+        return log_prob.copy(), blobs
 
     def advance(
         self,

@@ -185,7 +185,7 @@ def probe(evaluation: Evaluation, store: Store, tolerance: float) -> None:
     Raises:
         ValueError: If so, or if the solver scatters by itself.
     """
-    posterior, points = evaluation.posterior, [*store.spread(PROBED)]
+    posterior, points = evaluation.posterior, [*store.sample_records(PROBED)]
     if not points:
         return
     logger.info("resume: %d points of %s are solved again", len(points), store.path)

@@ -23,7 +23,7 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contracts import Floats
+from ..contracts import Floats, split_rows
 from ..posterior.log_posterior import Kind
 from .evaluator import Evaluation
 from .memory import Weighted, remember, restore
@@ -128,7 +128,7 @@ class Store:
                 raise sqlite3.DatabaseError("a number is missing")
         return np.array(rows, dtype=int).reshape(-1, 3)
 
-    def spread(self, size: int) -> Iterator[tuple[Floats, Floats]]:
+    def sample_records(self, size: int) -> Iterator[tuple[Floats, Floats]]:
         """Yield stored points with their values, spread evenly over all of them."""
         records = self._records()
         ends, total = records[:, 2].cumsum(), int(records[:, 2].sum())
@@ -316,7 +316,7 @@ class StoredChain(emcee.backends.Backend):
     def get_last_sample(self) -> emcee.State:
         """Return the last stored state; the start if there is no step."""
         theta, rows = self.last.theta.copy(), self.last.values.copy()
-        return emcee.State(theta, rows[:, 0], rows[:, 1:], self.random_state)
+        return emcee.State(theta, *split_rows(rows), self.random_state)
 
     def get_value(
         self, name: str, flat: bool = False, thin: int = 1, discard: int = 0

@@ -1,4 +1,4 @@
-"""Parallel tempering: hot walkers cross between modes and pass them to the cold ones.
+"""Parallel tempering: hot walkers cross between maxima and pass them to the cold ones.
 
 The state holds the posterior's own log-probability and blobs for the walkers of all
 temperatures. The move has no hidden state, so a resumed run is identical bit for bit.
@@ -28,7 +28,7 @@ class TemperedMove(Move):
         r = \min\left\{1, \left(L(\theta_{t+1}) / L(\theta_t)\right)
         ^{\beta_t - \beta_{t+1}}\right\}
 
-    Use it for posteriors with separate modes, or to compute the evidence with
+    Use it for posteriors with separate maxima, or to compute the evidence with
     :func:`log_evidence`. Walkers ``t * block .. (t + 1) * block - 1`` sample ``p_t``,
     where ``block = nwalkers / len(betas)``. In each generation the inner move updates
     every block, guided by the block's own walkers, in one batch of ``nwalkers``

@@ -109,7 +109,7 @@ class DisplacementTerm(Term):
         cases, points = self.measured.shape
         u = read(response, "displacement")[:, :cases, :points]
         r = (u - self.measured).reshape(len(u), -1)
-        return r, np.broadcast_to(self.spread(parameters), r.shape)
+        return r, np.broadcast_to(self.standard_deviations(parameters), r.shape)
 
     def restore(self, deviations: Floats) -> Floats:
         """Return displacements ``(n, cases, points)``."""

@@ -166,7 +166,7 @@ class FrequencyTerm(Term):
         if not self.separate:
             r = r @ self._axes
         # np.broadcast_to takes four times as long
-        return r, self.spread(parameters) * np.ones_like(r)
+        return r, self.standard_deviations(parameters) * np.ones_like(r)
 
     def restore(self, deviations: Floats) -> Floats:
         """Return frequencies ``(n, n_modes)`` in Hz."""

@@ -173,7 +173,7 @@ class ShapeTerm(Term):
         # A shape of zeros has a MAC of 0.
         turned[:, second, modes] += ~unit.any(axis=1)
         r = (turned * size)[:, self._across]
-        return r, np.broadcast_to(self.spread(parameters), r.shape)
+        return r, np.broadcast_to(self.standard_deviations(parameters), r.shape)
 
     def residuals(self, parameters: Parameters, response: Response) -> Residuals:
         """Return what of each measured shape the model's does not explain, by sensor.
@@ -185,7 +185,7 @@ class ShapeTerm(Term):
         off = measured - unit * (unit * measured).sum(axis=1, keepdims=True)
         sd = np.ones(self.n_modes) if self.delta is None else self.delta
         if self.discrepancy is not None:
-            sd = np.asarray(self.spread(parameters))[:, :, None]
+            sd = np.asarray(self.standard_deviations(parameters))[:, :, None]
         z = (off * size / sd)[:, self.there]
         labels = np.array(self._sensors or range(1, 1 + len(self.measured)))
         sensor, mode = np.nonzero(self.there)
@@ -236,7 +236,9 @@ class ShapeTerm(Term):
         """Return each mode's log-likelihood ``(n, n_modes)``; empty without its MAC."""
         if self.sd is not None or "mac" not in stored:
             return {}
-        delta = self.spread(parameters) if self.delta is None else self.delta
+        delta = (
+            self.standard_deviations(parameters) if self.delta is None else self.delta
+        )
         variance = np.square(delta)
         directions = self._across.sum(axis=0)
         lost = 1 - stored["mac"][:, : self.n_modes]

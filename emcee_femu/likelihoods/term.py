@@ -139,7 +139,7 @@ class Term:
         inferred = bool((np.ptp(sd, axis=0) > SAME_SD * sd[0]).any())
         return Residuals(independent, by_datum, inferred, {})
 
-    def spread(self, parameters: Parameters) -> Floats | float:
+    def standard_deviations(self, parameters: Parameters) -> Floats | float:
         """Return the standard deviations, the stated and the inferred one together.
 
         They are ``(m,)``, or ``(n, m)`` if one is inferred.

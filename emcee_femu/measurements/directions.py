@@ -19,7 +19,7 @@ COMBINED = re.compile(
 )
 ROTATION = re.compile(r".*:[-+]?r[xyz]")  # a DOF in radians, such as "3:ry"
 # What sensors measure: a MAC compares those of the first that moves in a mode.
-UNITS = TRANSLATION, TURN, STRAIN = range(3)
+SENSOR_UNITS = TRANSLATION, TURN, STRAIN = range(3)
 BLIND = 1e-6  # a sum of factors, of their size, that printed digits leave of zero
 UNIT_LENGTH = 0.05  # how far the squares of cosines may be from 1, by printed digits
 
@@ -88,7 +88,7 @@ def write_combination(parts: Mapping[Hashable, float]) -> str:
 
 
 def unit_of(label: object) -> int:
-    """Return which unit a sensor measures in, by its label: one of UNITS.
+    """Return which unit a sensor measures in, by its label: one of SENSOR_UNITS.
 
     A difference, which rigid motions leave at zero, is a strain or a curvature if its
     factors have a length other than 1 at a node: one over the distance of two nodes.

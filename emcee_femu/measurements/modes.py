@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..contracts import Floats
-from .directions import UNITS, unit_of
+from .directions import SENSOR_UNITS, unit_of
 
 # Two modes this near to each other in frequency and MAC are one, identified twice.
 SAME_FREQUENCY, SAME_MAC = 1e-3, 0.99
@@ -187,7 +187,9 @@ def compares(shapes: Shapes, labels: Iterable[object]) -> NDArray[np.bool_]:
     if len({*units.tolist()}) < 2:
         return np.ones(shapes.shape, dtype=bool)
     size = np.nan_to_num(np.abs(shapes))
-    largest = np.stack([(size * (units == unit)[:, None]).max(0) for unit in UNITS])
+    largest = np.stack(
+        [(size * (units == unit)[:, None]).max(0) for unit in SENSOR_UNITS]
+    )
     first = (largest > NO_MOTION * largest.max(axis=0)).argmax(axis=0)
     return np.asarray(units[:, None] == first)
 

@@ -19,7 +19,7 @@ from ..contracts import (
     read_declared,
     show_declared,
 )
-from .eigen_dense import Eigenproblem, Modes, Wanted, join
+from .eigen_dense import Eigenproblem, ModeRequest, Modes, join
 from .eigen_sparse import DenseProblem, SparseEigenproblem
 from .geometry import Geometry
 from .matrices import Matrix, read_matrix
@@ -225,7 +225,7 @@ class AssembledModel:
                 units.append((high - low) / (2 * step))
         label = f"the mass matrix at {row}"
         problem: SparseEigenproblem | DenseProblem | Eigenproblem
-        wanted = Wanted(self.modes, self.skip, self.sensors)
+        wanted = ModeRequest(self.modes, self.skip, self.sensors)
         if self._output is None:
             kind = SparseEigenproblem if issparse(K[0]) else DenseProblem
             problem = kind(K, M, wanted, label)

@@ -53,7 +53,7 @@ Slopes: TypeAlias = Mapping[str, tuple[Floats, ...]]
 Modes: TypeAlias = tuple[ModalSolution, Derivatives]  # what a solve returns
 
 
-class Wanted(NamedTuple):
+class ModeRequest(NamedTuple):
     """The modes that are wanted of an eigenproblem.
 
     Attributes:
@@ -93,7 +93,12 @@ class Eigenproblem:
     """
 
     def __init__(
-        self, K: Floats, M: Floats, wanted: Wanted, output: Floats, label: str = "M0"
+        self,
+        K: Floats,
+        M: Floats,
+        wanted: ModeRequest,
+        output: Floats,
+        label: str = "M0",
     ) -> None:
         self.skip, self.folded = wanted.skip, len(M) == 1
         self.selected = self.skip + np.array(wanted.modes) - 1
@@ -199,7 +204,7 @@ class Eigenproblem:
             members = np.flatnonzero(together[row, :, column])
             phi, value = shapes[row][:, members], float(eigenvalues[row, members[0]])
             first, at = int(members[0]) - self.skip + 1, at_row(slopes, row)
-            refuse_parting(phi, value, first, units, at, describe(row))
+            check_differentiable(phi, value, first, units, at, describe(row))
         return np.asarray(together)
 
 
@@ -239,7 +244,7 @@ def join(results: Sequence[Modes]) -> Modes:
     }
 
 
-def find_blurred(stiffness: Floats, mass: Floats) -> NDArray[np.bool_]:
+def find_ill_scaled(stiffness: Floats, mass: Floats) -> NDArray[np.bool_]:
     """Return where large stiffnesses round the lowest eigenvalues away, ``(n,)``.
 
     Args:
@@ -309,7 +314,7 @@ def at_row(slopes: Slopes, row: int) -> Slopes:
     }
 
 
-def refuse_parting(
+def check_differentiable(
     phi: Floats,
     eigenvalue: float,
     first: int,

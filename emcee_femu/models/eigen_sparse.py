@@ -33,14 +33,14 @@ from .eigen_dense import (
     NOT_POSITIVE,
     REPEATED,
     Eigenproblem,
+    ModeRequest,
     Modes,
     Slopes,
-    Wanted,
     at_row,
+    check_differentiable,
     check_elastic,
-    find_blurred,
+    find_ill_scaled,
     join,
-    refuse_parting,
 )
 from .factorization import Factor, factor_definite, factor_indefinite
 from .matrices import Matrix, Weights
@@ -117,7 +117,9 @@ class SparseEigenproblem:
         doi:10.1137/S0895479888151111.
     """
 
-    def __init__(self, K: Parts, M: Parts, wanted: Wanted, label: str = "M0") -> None:
+    def __init__(
+        self, K: Parts, M: Parts, wanted: ModeRequest, label: str = "M0"
+    ) -> None:
         self.K, self.M = (tuple(map(csc_array, part)) for part in (K, M))
         self.skip, self.modes = wanted.skip, np.array(wanted.modes)
         self.sensors = wanted.sensors
@@ -180,7 +182,7 @@ class SparseEigenproblem:
             phi, eigenvalue = shapes[:, cluster], float(eigenvalues[cluster].mean())
             first = int(cluster[0]) + 1
             if len(cluster) > 1:
-                refuse_parting(phi, eigenvalue, first, units, slopes, where)
+                check_differentiable(phi, eigenvalue, first, units, slopes, where)
             pushed = np.array([A @ phi for A in units])
             elastic = np.tensordot(weights[0], pushed[: len(self.K) - 1], 1)
             inertia = np.tensordot(weights[1], pushed[len(self.K) - 1 :], 1)
@@ -214,7 +216,9 @@ class DenseProblem:
     The arguments are those of :class:`SparseEigenproblem`, with dense matrices.
     """
 
-    def __init__(self, K: Parts, M: Parts, wanted: Wanted, label: str = "M0") -> None:
+    def __init__(
+        self, K: Parts, M: Parts, wanted: ModeRequest, label: str = "M0"
+    ) -> None:
         self._given, parts = (K, M, wanted, label), (np.array(K), np.array(M))
         output = wanted.sensors.of(np.eye(K[0].shape[0]))
         self._dense = Eigenproblem(*parts, wanted, output, label)
@@ -229,14 +233,14 @@ class DenseProblem:
     def solve(self, weights: Weights, describe: Where, slopes: Slopes) -> Modes:
         """Solve as the other two; rows spoilt by rounding one by one."""
         (k, m), (in_K, in_M) = weights, self._diagonals
-        blurred = find_blurred(in_K[0] + k @ in_K[1:], in_M[0] + m @ in_M[1:])
-        if blurred.any() and len(k) > 1:  # other rows are unaffected
+        ill_scaled = find_ill_scaled(in_K[0] + k @ in_K[1:], in_M[0] + m @ in_M[1:])
+        if ill_scaled.any() and len(k) > 1:  # other rows are unaffected
             results = []
             for i in range(len(k)):
                 one, at = slice(i, i + 1), partial(lambda row, _: describe(row), i)
                 results.append(self.solve([k[one], m[one]], at, at_row(slopes, i)))
             return join(results)
-        problem = self._sparse if blurred.any() else self._dense
+        problem = self._sparse if ill_scaled.any() else self._dense
         return problem.solve(weights, describe, slopes)
 
 

@@ -23,7 +23,7 @@ from ..contracts import (
 )
 from ..measurements.directions import along_axis
 from .coefficients import Coefficients, Unit, read_units
-from .eigen_dense import Eigenproblem, Wanted, combine
+from .eigen_dense import Eigenproblem, ModeRequest, combine
 from .eigen_sparse import DenseProblem, SparseEigenproblem, SparseSum
 from .factorization import factor_definite
 from .geometry import Geometry
@@ -89,7 +89,7 @@ class AffineModel:
         refuse_empty(*self.parts, self.dofs)
         self.problem: SparseEigenproblem | DenseProblem | Eigenproblem
         kind = SparseEigenproblem if sparse else DenseProblem
-        self.wanted = Wanted(self.modes, self.skip, self.sensors)
+        self.wanted = ModeRequest(self.modes, self.skip, self.sensors)
         self.problem = kind(*self.parts, self.wanted)
 
     __repr__ = show_declared

@@ -10,7 +10,7 @@ from numpy.random import RandomState
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..contracts import Floats
+from ..contracts import LOG_POSTERIOR, Floats
 from ..table import Parts, Report
 from .independence import IndependenceMove
 from .proposing import Batch, Propose, ProposingMove, only_propose, refresh
@@ -175,7 +175,8 @@ class DelayedAcceptanceMove(ProposingMove, Report):
     def _evaluate(self, theta: Floats) -> Floats:
         """Return the values of c ``(n,)``, finite or -inf."""
         rows = checks.numeric_array("cheap", self.cheap(theta))
-        log_prob: Floats = rows[:, 0] if rows.ndim == 2 and rows.size else rows
+        whole = rows.ndim == 2 and rows.size > 0  # of a posterior
+        log_prob: Floats = rows[:, LOG_POSTERIOR] if whole else rows
         remedy = "return a log-probability for each row"
         checks.shaped("cheap", log_prob.shape, (len(theta),), remedy=remedy)
         if not (log_prob < np.inf).all():

@@ -36,7 +36,7 @@ class DEMCMove(ProposingMove):
         randomize_split: Whether to assign the walkers to new parts in each step.
         live_dangerously: Whether to allow fewer than ``2 * ndim`` walkers.
         mode_jump: Probability of gamma = 1, with which a walker can jump between modes.
-            If you expect several modes, 0.1 is usual.
+            If you expect several maxima, 0.1 is usual.
 
     Raises:
         TypeError: If an argument does not hold real numbers, or whole ones.

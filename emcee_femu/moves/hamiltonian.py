@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from .. import checks
-from ..contracts import Floats
+from ..contracts import LOG_POSTERIOR, Floats, split_rows
 from .proposing import Indices, ProposingMove, check_state, refresh
 
 JITTER = 0.2  # of the step size, so that trajectories do not return to their start
@@ -57,7 +57,7 @@ class HamiltonianMove(Move):
     No other move is as efficient in many dimensions if the metric is close to the
     posterior's covariance. Take it from a Laplace approximation or from earlier draws,
     ``numpy.cov(draws, rowvar=False)``, and let :meth:`tuned` choose steps and step
-    size. The move does not cross between modes: mix it with one that does. Start it at
+    size. The move does not cross between maxima: mix it with one that does. Start it at
     a maximum or after a burn-in, because it is slow from draws of the prior.
 
     Args:
@@ -178,9 +178,9 @@ class HamiltonianMove(Move):
         accepted = np.zeros(n, dtype=bool)
         accepted[new.walkers] = True
         state.coords[new.walkers] = new.coords
-        state.log_prob[new.walkers] = new.rows[:, 0]
+        state.log_prob[new.walkers], blobs = split_rows(new.rows)
         if state.blobs is not None:
-            state.blobs[new.walkers] = new.rows[:, 1:]
+            state.blobs[new.walkers] = blobs
         gradient[new.walkers] = new.gradient
         self._before = state.coords.copy(), gradient
         return state, accepted
@@ -230,7 +230,7 @@ class Points(NamedTuple):
     def log_density(self) -> Floats:
         """The joint log density of positions and momenta, ``(k,)``."""
         kinetic = 0.5 * np.einsum("nd,nd->n", self.momenta, self.momenta)
-        return np.asarray(self.rows[:, 0] - kinetic)
+        return np.asarray(self.rows[:, LOG_POSTERIOR] - kinetic)
 
     def take(self, chosen: NDArray[np.bool_]) -> "Points":
         """Return the chosen walkers; the object itself if all are chosen."""

@@ -153,7 +153,7 @@ class ComponentWalk(ProposingMove):
         {\sum_k r_k(\theta_i) N(\theta^* - \theta_i; 0, s^2 S_k)}
 
     r are the responsibilities of the components, S = L L^T their scale matrices and F
-    the log-factor of the step. A narrow mode gets narrow steps, a wide one wide ones.
+    the log-factor of the step. Narrow maxima get narrow steps, wide ones wide steps.
 
     Args:
         mixture: The components.

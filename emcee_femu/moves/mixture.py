@@ -299,7 +299,7 @@ def _fit_white(x: Floats, count: int, df: float) -> tuple[Mixture, float] | None
 def _widen(matrices: Floats) -> Floats:
     """Return scale matrices with a ridge on those that are nearly singular.
 
-    A walker that hardly moved, caught in a local mode, needs a component of its own:
+    A walker that hardly moved, caught in a local maximum, needs a component of its own:
     only then do independence proposals set it free.
     """
     narrow = np.linalg.eigvalsh(matrices)[:, 0] < LEAST_VARIANCE_SHARE

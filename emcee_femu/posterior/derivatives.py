@@ -11,7 +11,15 @@ from typing import NamedTuple, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contracts import Floats, Linearization, Parameters, Prior, SolveError
+from ..contracts import (
+    LOG_POSTERIOR,
+    LOG_PRIOR,
+    Floats,
+    Linearization,
+    Parameters,
+    Prior,
+    SolveError,
+)
 from ..likelihoods.term import Term, linearize_normal
 from .experiments import Solved
 
@@ -100,9 +108,9 @@ def is_printed(posterior: _Differentiated, rows: Floats) -> bool:
     Small steps do not change what it prints, or by one digit. Where the response is
     the same and the likelihood is not, a term has the density, and no solver.
     """
-    solved = rows[np.isfinite(rows[:, 0])]
+    solved = rows[np.isfinite(rows[:, LOG_POSTERIOR])]
     response = solved[:, posterior.columns["densities"].stop :]
-    likelihood = solved[:, 0] - solved[:, 1]
+    likelihood = solved[:, LOG_POSTERIOR] - solved[:, LOG_PRIOR]
     numbers = np.abs(response[response != 0])
     if not numbers.size or (not np.ptp(response, 0).any() and np.ptp(likelihood)):
         return False
@@ -151,7 +159,7 @@ def along_tangents(
         about = parameters, part.response, part.tangents | along, steps
         with np.errstate(all="ignore"):  # of rows that are -inf
             parts += [term.linearize(*about) for term in part.terms]
-    law, possible = (posterior.prior, posterior.scale), rows[:, 0] > -np.inf
+    law, possible = (posterior.prior, posterior.scale), rows[:, LOG_POSTERIOR] > -np.inf
     return _side_by_side(posterior.names, law, theta, possible, parts, information)
 
 

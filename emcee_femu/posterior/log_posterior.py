@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
+from ..contracts import LOG_POSTERIOR as LOG_POSTERIOR
+from ..contracts import LOG_PRIOR as LOG_PRIOR
 from ..contracts import (
     Floats,
     Linearization,
@@ -31,10 +33,6 @@ Units: TypeAlias = Mapping[str, str] | None  # by the names of parameters
 Kept = TypeVar("Kept")
 ANSWERS_KEPT = 4  # answers for each experiment
 TRIED_DRAWS = 256  # of the prior, of which one must be possible to know the blobs
-
-# The columns that begin each row, whatever the terms.
-LOG_POSTERIOR = 0
-LOG_PRIOR = 1
 
 # What is evaluated at a point, side by side in one row that a pool or a file can hold:
 # its row; with the gradient behind it; with the information behind that; or the row
@@ -525,7 +523,7 @@ class LogPosterior(Report):
         """Draw starting positions ``(nwalkers, d)`` from the prior.
 
         Such starts are over-dispersed, which independent ensembles need to reveal a
-        mode that one of them missed.
+        maximum that one of them missed.
 
         Args:
             nwalkers: Number of walkers.

@@ -47,7 +47,7 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
     """Judge a run: whether chains converged, what was searched, whether the model fits.
 
     Use it after every :func:`run`, before you read any result. It makes three separate
-    statements, because converged chains may have missed a mode, and a model may fit
+    statements, because converged chains may have missed a maximum, and a model may fit
     badly although its chains converged. Judging a run takes no solve, but nine where a
     term reads what is not stored, such as mode shapes or FRFs: eight samples and the
     prior mean. Where shapes do not fit, 2 more look for a wrong sensor, and 16 if one
@@ -62,8 +62,8 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
     cannot be judged. Of an ArviZ object it is that of its conversion.
 
     tau is emcee's integrated autocorrelation time, computed for each ensemble. R-hat is
-    rank-normalised and split. A single ensemble cannot show that it missed a mode; run
-    several from over-dispersed starts. For tempered runs only the cold walkers are
+    rank-normalised and split. A single ensemble cannot show a maximum that it missed;
+    run several from over-dispersed starts. For tempered runs only the cold walkers are
     judged, and tau and ESS are those of the mean over these walkers: exchanges pass
     states between walkers, so a single walker forgets its past sooner than the ensemble
     does. The results of :func:`anneal`, and what :func:`certify` corrected, are not

@@ -93,7 +93,7 @@ def log_evidence(source: object, discard: int | None = None) -> Evidence:
     is a mean over generations of a sum over all walkers and betas, so that its
     autocorrelation time includes what exchanges carry between them. With several
     ensembles their spread is taken where chance does not explain that it is larger: it
-    sees a mode that one missed.
+    sees a maximum that one missed.
     None is claimed where neighbouring betas hardly overlap (less than 0.1), where the
     series is shorter than 20 of its autocorrelation times, as it also is where it still
     drifts, or where :func:`diagnose` calls the chains not converged.
@@ -238,7 +238,7 @@ def standard_error(series: Floats) -> tuple[float, tuple[str, ...]]:
     """Return the standard error of the mean of ``series (steps, ensembles)``.
 
     If there are several ensembles, their spread is used if it is significantly larger:
-    it reveals a mode that one of them missed. Without the test, the larger of the two
+    it reveals a maximum that one missed. Without the test, the larger of the two
     errors would be 1.2 times too large for two ensembles.
 
     Returns:

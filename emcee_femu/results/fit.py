@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from ..contracts import Batch, Floats, Variable
+from ..contracts import LOG_POSTERIOR, Batch, Floats, Variable
 from ..likelihoods.residuals import (
     EXPERIMENT,
     FITS,
@@ -101,7 +101,7 @@ def judge_data(
     looks = sum(np.isfinite(record.p) for record in found)
     found = [_settle(record, looks) for record in found]
     if weights is None:
-        found += find_suspects(posterior, theta[rows[:, 0].argmax()], found)
+        found += find_suspects(posterior, theta[rows[:, LOG_POSTERIOR].argmax()], found)
     whole = posterior.unfold(rows[order])
     for experiment in posterior.experiments:
         stored, before = (experiment.stored(all_of) for all_of in (whole, start[1]))

@@ -20,7 +20,8 @@ from .arviz_objects import (
     prior_draws,
     samples,
 )
-from .measured import Fit, by_mode, fit_sensitivities
+from .bounds import find_density
+from .sensitivities import Fit, by_mode, fit_sensitivities
 from .to_arviz import read_samples
 
 PRIOR_COMPARED = 4_000
@@ -33,11 +34,6 @@ TOGETHER = 0.95  # |correlation| above which only a combination is known well
 MANY = 3  # uninformed parameters from which on the known combinations are named
 INFORMED = 0.5  # sd ratio below which a combination is worth naming
 MOST_COMBINATIONS, SMALL_PART = 3, 0.15
-PARTS = 10  # of equal shares of the samples, whose widths tell their densities
-# Density at a bound by the highest: 1 of a half-normal, 0.7 of a Gaussian cut at one sd
-# from its mean, 0.3 at two. Of 1,000 samples it is known to 10 %.
-AT_THE_HIGHEST = 0.75
-PREFERRED = 2.0  # times the density of the prior there, which the data alone explain
 GOOD_FIT = 0.98  # R^2 below which gradients were off by 10 % and more (H structure)
 SMALL_EFFECT = 0.1  # effects and percentages are printed to two digits of this
 
@@ -421,7 +417,7 @@ def _describe(
         note: Likewise.
     """
     _, is_error, _, _, bounds = known
-    at_bound, pressed = _find_density(bounds, before, draws, weights)
+    at_bound, pressed = find_density(bounds, before, draws, weights)
     pressed[:, 0] &= ~is_error
     with np.errstate(divide="ignore", invalid="ignore"):
         logged = np.log(before)
@@ -443,32 +439,6 @@ def _describe(
         effect,
     )
     return Identifiability(*numbers, moments, local, note)
-
-
-def _find_density(
-    bounds: Floats, before: Floats, draws: Floats, weights: Floats
-) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return the density at both bounds, by the highest, and whether draws press there.
-
-    Both are ``(d, 2)``. Parts of equal mass are narrowest where density is highest. The
-    arguments are those of :func:`_describe`.
-    """
-    positive = bounds[:, 0] >= 0
-    shares = np.linspace(0, 1, PARTS + 1)[1:]
-    with np.errstate(divide="ignore", invalid="ignore"):  # of what is zero or infinite
-        ends, before, draws = (
-            np.where(positive, np.log(x), x) for x in (bounds.T, before, draws)
-        )
-        ends[~positive & (bounds.T == 0)] = np.inf  # as nature's is by logarithms
-        away = np.abs(draws - ends[:, None])  # (2, n, d)
-        edges = np.quantile(away, shares, 1, weights=weights, method="inverted_cdf")
-        widths = np.diff(edges, axis=0, prepend=0.0)
-        at_bound = np.nan_to_num(widths.min(axis=0) / widths[0])
-        near = np.abs(before - ends[:, None]) <= edges[:1].swapaxes(0, 1)
-        flat = edges[0] / np.ptp(ends, axis=0)  # where the prior is not known
-        prior = np.where(np.isnan(before).any(axis=0), flat, near.mean(axis=1))
-    pressed = (at_bound >= AT_THE_HIGHEST) & (PREFERRED * prior <= shares[0])
-    return at_bound.T, pressed.T
 
 
 def _add(text: str, factor: float, name: str, spec: str = ".3g") -> str:

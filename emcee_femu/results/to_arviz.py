@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from .. import checks
-from ..contracts import Floats
+from ..contracts import LOG_POSTERIOR, Floats
 from ..likelihoods.residuals import FitRecord
 from ..posterior.log_posterior import LogPosterior
 from ..search.record import Chains
@@ -260,7 +260,8 @@ def judge_samples(
         return ()
     rows = read_rows(chains, posterior).reshape(-1, posterior.row_size)
     theta = chains.draws.reshape(-1, posterior.ndim)
-    kept = rows[:, 0] > rows[:, 0].max() - LOST - posterior.ndim
+    height = rows[:, LOG_POSTERIOR]
+    kept = height > height.max() - LOST - posterior.ndim
     rows, theta = rows[kept], theta[kept]
     if weights is not None:
         weights = weights[kept]

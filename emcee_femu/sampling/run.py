@@ -348,9 +348,10 @@ def _warn_if_long(evaluator: Evaluation, seconds: float, evaluations: int) -> No
         return
     warnings.warn(
         f"posterior: a solve takes {seconds:.2g} s, and a run some {evaluations:,}: "
-        f"{seconds * evaluations / 3600:.1f} hours. workers= shares them among "
-        "processes; run_emulated(posterior, seed=1) needs some hundred solves in all; "
-        "reduce_model makes large matrices small; solves= sets a limit",
+        f"{seconds * evaluations / 3600:.1f} hours. "
+        "run_emulated(posterior, seed=1) needs some hundred solves in all; workers= "
+        "shares those of a run among processes; reduce_model makes large matrices "
+        "small; solves= sets a limit",
         stacklevel=3,
     )
 

@@ -13,8 +13,8 @@ def test_points_to_solve_again_are_spread_over_the_whole_run(tmp_path):
     posterior, path = ef.paper.mass_spring().posterior, tmp_path / "run.chain"
     run = ef.run(posterior, ef.DEMCMove(), 20, 30, ensembles=2, seed=1, backend=path)
     store = Store(str(path), read_only=True)
-    points = np.array([theta for theta, _ in store.spread(9)])
-    rows = np.array([row for _, row in store.spread(9)])
+    points = np.array([theta for theta, _ in store.sample_records(9)])
+    rows = np.array([row for _, row in store.sample_records(9)])
     store.close()
     np.testing.assert_allclose(posterior(points)[:, 0], rows[:, 0], rtol=1e-12)
     stored = [sampler.get_chain() for sampler in run]

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 
 import emcee_femu as ef
 from emcee_femu.results.arviz_objects import (
+    Groups,
     dataset,
     groups,
     judgement_of,
@@ -81,3 +82,24 @@ def test_an_attribute_is_kept_by_a_netcdf_file(tmp_path, idata):
     read = arviz.from_netcdf(tmp_path / "told.nc")
     assert note_of(read) == "frozen"
     assert json.dumps(dict(judgement_of(read)), default=int) == json.dumps(SAID)
+
+
+def test_a_group_is_made_once_and_only_if_it_is_asked_for():
+    made = []
+
+    def maker(name, group):
+        def make():
+            made.append(name)
+            return group
+
+        return make
+
+    values = xarray.Dataset({"k": ("draw", [1.0])})
+    parts = {"posterior": values, "response": None, "prior": values}
+    lazy = Groups({name: maker(name, part) for name, part in parts.items()})
+    assert lazy["posterior"] is lazy["posterior"] and made == ["posterior"]
+    assert "response" not in lazy and "absent" not in lazy
+    assert [*lazy] == ["posterior", "prior"] and len(lazy) == 2
+    assert sorted(made) == sorted(parts)
+    with pytest.raises(KeyError):
+        lazy["response"]

@@ -399,4 +399,4 @@ class FRFTerm(Term):
             values = self.measured.values
             r = H - np.stack([values.real, values.imag], axis=-1)
         r = r.reshape(len(r), -1)
-        return r, np.broadcast_to(self.spread(parameters), r.shape)
+        return r, np.broadcast_to(self.standard_deviations(parameters), r.shape)

@@ -1,0 +1,43 @@
+"""Whether a posterior presses against the bounds of its prior."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..contracts import Floats
+
+PARTS = 10  # of equal shares of the samples, whose widths tell their densities
+# Density at a bound by the highest: 1 of a half-normal, 0.7 of a Gaussian cut at one sd
+# from its mean, 0.3 at two. Of 1,000 samples it is known to 10 %.
+AT_THE_HIGHEST = 0.75
+PREFERRED = 2.0  # times the density of the prior there, which the data alone explain
+
+
+def find_density(
+    bounds: Floats, before: Floats, draws: Floats, weights: Floats
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return the density at both bounds, by the highest, and whether draws press there.
+
+    Both are ``(d, 2)``. Parts of equal mass are narrowest where density is highest.
+
+    Args:
+        bounds: Those of the prior, ``(d, 2)``.
+        before: Draws of the prior.
+        draws: Those of the posterior, ``(n, d)``.
+        weights: Their weights.
+    """
+    positive = bounds[:, 0] >= 0
+    shares = np.linspace(0, 1, PARTS + 1)[1:]
+    with np.errstate(divide="ignore", invalid="ignore"):  # of what is zero or infinite
+        ends, before, draws = (
+            np.where(positive, np.log(x), x) for x in (bounds.T, before, draws)
+        )
+        ends[~positive & (bounds.T == 0)] = np.inf  # as nature's is by logarithms
+        away = np.abs(draws - ends[:, None])  # (2, n, d)
+        edges = np.quantile(away, shares, 1, weights=weights, method="inverted_cdf")
+        widths = np.diff(edges, axis=0, prepend=0.0)
+        at_bound = np.nan_to_num(widths.min(axis=0) / widths[0])
+        near = np.abs(before - ends[:, None]) <= edges[:1].swapaxes(0, 1)
+        flat = edges[0] / np.ptp(ends, axis=0)  # where the prior is not known
+        prior = np.where(np.isnan(before).any(axis=0), flat, near.mean(axis=1))
+    pressed = (at_bound >= AT_THE_HIGHEST) & (PREFERRED * prior <= shares[0])
+    return at_bound.T, pressed.T
