@@ -62,8 +62,8 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
     cannot be judged. Of an ArviZ object it is that of its conversion.
 
     tau is emcee's integrated autocorrelation time, computed for each ensemble. R-hat is
-    rank-normalised and split. One ensemble cannot show a maximum that it missed; run
-    several from over-dispersed starts. For tempered runs only the cold walkers are
+    rank-normalised and split. A single ensemble cannot show a maximum that it missed;
+    run several from over-dispersed starts. For tempered runs only the cold walkers are
     judged, and tau and ESS are those of the mean over these walkers: exchanges pass
     states between walkers, so a single walker forgets its past sooner than the ensemble
     does. The results of :func:`anneal`, and what :func:`certify` corrected, are not

@@ -23,10 +23,11 @@ from ..verdict.diagnosis import NOT_CONVERGED, measure
 from ..verdict.verdict import judge_chains
 from .record import Run, burn_in_of, read_backends
 
-# Without steps= the verdict is asked first at so many steps, a little more than the 25
-# that tau takes, then each time at a seventh more: few looks, and little too much.
-FIRST_LOOK, LOOK_FURTHER = 30, 1.15
-FIRST_STEPS = 4  # by which it is known what a step costs
+# Steps after which the verdict is asked first if steps= is not given: a little more
+# than the 25 that tau takes.
+FIRST_LOOK = 30
+# Steps of each further look by those of the last: few looks, and little too much.
+LOOK_FURTHER = 1.15
 
 
 def sample_until(
@@ -78,7 +79,7 @@ def sample_until(
                 # few of them before many, and half of what is left before the rest.
                 spent = record.solves - record.evaluations if done else 0
                 room = left // max(each, -(-spent // max(done, 1)))
-                look = min(look, done + room - room // 2, 2 * done + FIRST_STEPS)
+                look = min(look, done + room - room // 2, 2 * done + FEWEST_STEPS)
                 if look <= done:
                     return STOPPED_BY_SOLVES
             walk(states, look, Evaluation.bar)  # which shows nothing

@@ -194,9 +194,14 @@ def run(
         search: SearchRecord | None = None
         sizes = _size_search(steps, solves, each)
         if store is None or not store.lengths().get(1):
-            chain = sizes[0] if steps else SETTINGS.sized_for
-            auto = weighted is None or not steps  # as much again for the search
-            _warn_if_long(evaluator, seconds, (1 + auto) * chain)
+            # With a search as much again; without steps= as of a search, by any moves.
+            _warn_if_long(
+                evaluator,
+                seconds,
+                sizes[0] * (2 if weighted is None else 1)
+                if steps
+                else 2 * SETTINGS.sized_for,
+            )
         # 3. Search, or draw the starts.
         if weighted is None:
             search, states = _search(evaluator, store, shape, *sizes, points, progress)
@@ -343,9 +348,10 @@ def _warn_if_long(evaluator: Evaluation, seconds: float, evaluations: int) -> No
         return
     warnings.warn(
         f"posterior: a solve takes {seconds:.2g} s, and a run some {evaluations:,}: "
-        f"{seconds * evaluations / 3600:.1f} hours. workers= shares them among "
-        "processes; run_emulated(posterior, seed=1) needs some hundred solves in all; "
-        "reduce_model makes large matrices small; solves= sets a limit",
+        f"{seconds * evaluations / 3600:.1f} hours. "
+        "run_emulated(posterior, seed=1) needs some hundred solves in all; workers= "
+        "shares those of a run among processes; reduce_model makes large matrices "
+        "small; solves= sets a limit",
         stacklevel=3,
     )
 

@@ -144,7 +144,9 @@ def bend(campaign: Campaign) -> None:
     judge(c)
     log_c = surface(c.draft.theta)
     accepted = find_acceptance(c.draft.log_p, log_c, c.draft.log_q)
-    if accepted > max(first.acceptance, POOR_ACCEPTANCE):
+    # What few draws say of a surface is no reason to leave a fair mixture.
+    known = c.draft.reliable or first.acceptance < POOR_ACCEPTANCE
+    if known and accepted > max(first.acceptance, POOR_ACCEPTANCE):
         c.surface = surface
     elif not c.draft.is_better(first):
         c.draft = first

@@ -22,7 +22,7 @@ GOOD_RHAT = 1.01  # Vehtari et al. (2021), doi:10.1214/20-BA1221
 # four ensembles and five parameters 1.03. More means walkers that stay apart, which tau
 # cannot see. In shorter chains more is let pass, as that grows: 1.1 at 25 tau, where
 # the worst is 1.06, in one of twenty runs above 1.08.
-WALKERS_APART, TAU_OF_APART = 1.05, 50
+WALKERS_APART = 1.05
 SD_KNOWN_TO = 0.1  # relative standard error of a standard deviation
 ERRORS_APART = 4.0  # between two estimates of a weight
 SMALL_WEIGHT = 0.005  # a weight, or a difference of two, that does not matter
@@ -90,7 +90,7 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
         )
         yield BEGINS_ELSEWHERE, sentence, 0.0 if over else MUCH
     within, between = diagnosis.rhat_within, diagnosis.rhat_between
-    fewer = np.fmax(1.0, TAU_OF_APART / diagnosis.steps_per_tau)
+    fewer = np.fmax(1.0, 2 * STEPS_PER_TAU / diagnosis.steps_per_tau)
     apart = np.sqrt(1 + (WALKERS_APART**2 - 1) * fewer)
     # Values, their best, their limit, and by which power of them a chain is too short.
     for values, best, limit, power, short, what in (

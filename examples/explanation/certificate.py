@@ -6,7 +6,8 @@
 # `python examples/explanation/certificate.py` runs the page on made-up data.
 #
 # `certify` spends full solves on draws of the emulated posterior. At each draw the
-# weight is the ratio of true to emulated density. If all weights are equal, the
+# weight is the ratio of true to emulated density (of draws of a wider posterior, that of
+# the true one to the law of all draws). If all weights are equal, the
 # emulated posterior is the true one. If they differ, they correct it. If a few carry
 # everything, it is useless.
 #
@@ -87,7 +88,7 @@ ef.parameter_table(certificates["a little off"].idata)
 paper = ef.paper.mass_spring().posterior
 few = ef.emulate(paper, solves=14, seed=906, derivatives=False)
 run = ef.run(few.posterior, steps=300, seed=1)
-unsettled = ef.certify(run, paper, solves=100, seed=1)
+unsettled = ef.certify(ef.to_inference_data(run), paper, solves=100, seed=1)
 true_sd = float(ef.to_inference_data(ef.run(paper, seed=1))["posterior"]["k4"].std())
 print(unsettled.verdict)
 said, error = unsettled.sd[2], unsettled.sd_error[2]
@@ -99,6 +100,10 @@ print(f"sd of k4: {said:.0f} +- {error:.0f} by the weights, {true_sd:.0f} in tru
 # - It refuses an emulated posterior whose bounds leave out more than 1 % of the prior's
 #   probability, or whose draws press against a bound that the prior does not have.
 #   Neither check costs a solve.
+# - If it is given the run, a quarter of its draws are of a wider emulated posterior, of
+#   the likelihood to the power 1/4, which is twice as wide. A lobe that the emulator
+#   underrates has a larger share there, and its weights show it. Of an ArviZ object only
+#   the chain is known, and a finding says so.
 # - A quarter of the solves, at most 30, climb the true posterior from draws of the
 #   prior far from the chain, if that is enough for three steps. A black box of d
 #   parameters takes d + 1 solves a step, a model with `jacobian` one; positive

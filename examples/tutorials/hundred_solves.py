@@ -3,7 +3,7 @@
 #
 # For those whose model is a program that takes minutes for a solve and gives no
 # matrices and no derivatives. One call learns its response from some twenty solves,
-# samples what was learned, and spends forty more solves to check the result. This page
+# samples what was learned, and spends some fifty more solves to check the result. This page
 # makes it, takes it step by step, and shows what to do if the check fails.
 # `python examples/tutorials/hundred_solves.py` runs the page. Structure and data
 # are simulated; {doc}`/start/choose` says when this is the way to go.

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import pytest
 
 from emcee_femu.search.adapt import _is_enough
-from emcee_femu.search.response_surface import degree_of
 from emcee_femu.search.settings import SETTINGS
 
 
@@ -27,7 +26,3 @@ def test_a_refinement_that_gains_nothing_ends_only_where_little_is_lost(
     drafts = [SimpleNamespace(efficiency=share) for share in shares]
     campaign = SimpleNamespace(bendable=bendable, settings=SETTINGS)
     assert _is_enough(campaign, drafts) == enough
-
-
-def test_polynomials_of_thirty_parameters_are_quadratic_and_of_more_none():
-    assert [degree_of(d) for d in (1, 5, 9, 30, 31, 499, 500)] == [4, 4, 3, 2, 1, 1, 0]

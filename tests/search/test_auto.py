@@ -1,6 +1,7 @@
 """What "auto" finds, weighs and samples, on posteriors of known answer."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from support.free_posterior import box, free_posterior
 from support.gradients import LinearDerived, LinearTerm
 
 import emcee_femu as ef
+from emcee_femu.search import auto
 
 LIMIT = 5.0  # |z|
 SHARE = 0.3  # of the posterior in the narrow mode
@@ -256,3 +258,38 @@ def test_auto_beats_plain_demc():
     assert diagnosis.ess_bulk.min() / drawn > 0.15  # plain DE-MC: 0.04
     drawn += run.evaluations  # of the search
     assert diagnosis.ess_bulk.min() / drawn > 0.08
+
+
+@pytest.mark.parametrize(
+    ("mixture", "reliable", "taken"),
+    [(0.4, True, True), (0.4, False, False), (0.1, False, True), (0.6, True, False)],
+)
+def test_polynomials_replace_a_fair_mixture_only_by_reliable_weights(
+    mixture, reliable, taken, monkeypatch
+):
+    """Both seem to accept .5 of their proposals; a poor mixture is no loss."""
+    law = SimpleNamespace(law=None)
+    first = SimpleNamespace(acceptance=mixture, proposal=law)
+    nothing = np.zeros(1)
+    found = SimpleNamespace(
+        reliable=reliable,
+        theta=nothing,
+        log_p=nothing,
+        log_q=nothing,
+        is_better=lambda other: False,
+    )
+    campaign = SimpleNamespace(
+        bent=True,
+        draft=first,
+        surface=None,
+        streams=[None],
+        evaluator=SimpleNamespace(solves=0),
+        ledger=SimpleNamespace(end=lambda *stages: np.inf),
+    )
+    surface = np.zeros_like
+    monkeypatch.setattr(auto, "learn_surface", lambda *args: (surface, law))
+    monkeypatch.setattr(auto, "judge", lambda c: setattr(c, "draft", found))
+    monkeypatch.setattr(auto, "find_acceptance", lambda *args: 0.5)
+    auto.bend(campaign)
+    assert (campaign.surface is surface) == taken
+    assert (campaign.draft is found) == taken

@@ -7,7 +7,7 @@ from scipy import stats
 import emcee_femu as ef
 from emcee_femu.evaluation.resume import open_evaluator
 from emcee_femu.moves.mixture import Mixture
-from emcee_femu.search.response_surface import fit_surface, learn_surface
+from emcee_femu.search.response_surface import degree_of, fit_surface, learn_surface
 
 
 class Powers:
@@ -92,3 +92,7 @@ def test_a_bent_ridge_is_exact_takes_few_solves_and_is_resumed_to_the_bit(tmp_pa
     assert (np.abs(chain.mean(axis=0) - mean) < 4.5 * error).all()
     ratio = chain.var(axis=0) / (weights @ spread)
     assert (np.abs(ratio - 1) < 0.15).all()
+
+
+def test_polynomials_of_thirty_parameters_are_quadratic_and_of_more_none():
+    assert [degree_of(d) for d in (1, 5, 9, 30, 31, 499, 500)] == [4, 4, 3, 2, 1, 1, 0]

@@ -36,6 +36,7 @@ from ...verdict.burn_in import FEWEST_STEPS
 from ...verdict.diagnosis import NOT_CONVERGED, NOT_SEARCHED, SEARCHED, Statement
 from ...verdict.verdict import TOO_SHORT
 from .certificate import EQUAL_WEIGHTS, GROUP, Certificate
+from .draws import WIDER_POWER, draw_wider
 from .emulated import SETTLED, EmulatedModel
 from .emulated_chain import (
     EmulatedChain,
@@ -45,6 +46,7 @@ from .emulated_chain import (
 )
 
 FEWEST_SOLVES = 10
+BRIDGED = 1_000  # draws of the chain that are compared with those of a wider law
 JUDGED_SHARE = 10  # of the solves, at least, for each that judges the fit
 # Solves for the search: at most a quarter, and no more than these.
 SEARCH_SHARE, MOST_SEARCH_SOLVES = 4, 30
@@ -53,6 +55,10 @@ FEWEST_CLIMB_STEPS = 3  # steps; shorter climbs are not counted
 UNKNOWN = (
     "If emulate made this posterior, its samples do not say whether its errors were "
     "within the tolerance; those of a run on the posterior that it returned do."
+)
+ONLY_CHAIN = (
+    "All draws are of the chain, since its samples do not hold the emulated posterior "
+    "itself; give certify the run, and a quarter is of a wider emulated posterior."
 )
 MOMENTS = "mean", "mean_error", "sd", "sd_error", "off_error"  # in their order
 
@@ -76,19 +82,22 @@ def certify(
 
     Use it after :func:`emulate` and :func:`run`, or with any other approximate model.
     Draws are taken from the chain at equal intervals, without repeats, and solved
-    with the full model. Importance weights then correct the emulated posterior:
+    with the full model. If the run itself is given, a quarter of the draws are of a
+    wider emulated posterior, :math:`p \tilde L^{1/4}`, where a region that the emulator
+    underrates has a larger share. Importance weights then correct the emulated
+    posterior:
 
-    .. math:: w_i = \frac{p(\theta_i) L(\theta_i)}{\tilde p(\theta_i)}, \qquad
+    .. math:: w_i = \frac{p(\theta_i) L(\theta_i)}{q(\theta_i)}, \qquad
         \hat f = \sum_i w_i f(\theta_i) \Big/ \sum_i w_i
 
-    where :math:`p L` is the true and :math:`\tilde p` the emulated posterior, which is
-    stored in ``idata``. Corrected means and standard deviations are those of the whole
-    chain, plus the change that the weights make at the solved draws. The verdict is one
-    of
+    where :math:`p L` is the true posterior and q the law of all draws together.
+    Corrected means and standard deviations are those of the whole chain, plus the
+    change that the weights make at the solved draws. The verdict is one of
 
-    - *certified*: the efficiency (effective share) of the weights is at least 0.9, and
-      means and standard deviations are right to a tenth of a standard deviation; for
-      the latter, two standard errors of the difference are included;
+    - *certified*: the efficiency (effective share) of the weights is at least 0.9, as
+      it would be at draws of the emulated posterior alone, and means and standard
+      deviations are right to a tenth of a standard deviation; for the latter, two
+      standard errors of the difference are included;
     - *corrected*: the emulated posterior is not good enough, but the weights correct
       it;
     - *refused*: the weights are unreliable, part of the posterior is missing, the
@@ -105,11 +114,11 @@ def certify(
     not settle may exclude what no draw shows, so its posterior is refused however equal
     the weights are. A run on the emulated posterior knows whether it settled, and so
     does its ArviZ object, also if read back from netCDF; a finding says where it is not
-    known. Three more checks look for what is excluded. The emulator's bounds must
-    contain at least 99 % of the prior. The draws must not pile up at a bound that the
-    prior does not have. And climbs of the true posterior, which take a quarter of the
-    solves and at most 30, start from draws of
-    the prior away from the chain. A narrow mode that no climb approaches remains
+    known. Four more checks look for what is excluded. The wider draws. The emulator's
+    bounds must contain at least 99 % of the prior. The draws must not pile up at a
+    bound that the prior does not have. And climbs of the true posterior, which take a
+    quarter of the solves and at most 30, start from draws of the prior away from the
+    chain. A narrow mode that neither a climb nor a wider draw comes near remains
     undetected.
 
     Weights cannot recover regions that the chain never visited either. A chain that
@@ -119,7 +128,7 @@ def certify(
 
     Args:
         idata: The run on the emulated posterior, or its :func:`to_inference_data`
-            without burn-in.
+            without burn-in, which has no draws of the wider posterior.
         posterior: The true posterior, with the same parameters.
         solves: Number of full solves to spend on draws and climbs, at least 10.
         seed: A whole number; the same seed gives the same certificate.
@@ -178,6 +187,7 @@ def certify(
     chain = EmulatedChain(idata, posterior.prior, rng)
     asked = {"moves": "certify", "solves": solves, "seed": seed}
     asked["emulated draws"] = chain.draws
+    asked["wider draws"] = approximate is not None
     judged = judge_chain(idata)  # before a solve is spent, for it may raise
     how = workers, pool, on_failure, max_failures, backend, resume, probe_tolerance
     again = min(SOLVED_AGAIN, solves // JUDGED_SHARE) * needs_solves(posterior)
@@ -190,8 +200,9 @@ def certify(
         if evaluator.failures is not None:
             evaluator.failures.max_failures = 1.0  # judged below, no reason to stop
         certificate, rows, emulated = judge_draws(
-            chain, judged, evaluator, solves, again, settled, max_failures, rng
-        )
+            chain, judged, evaluator, approximate, solves, again, settled,
+            max_failures, rng,
+        )  # fmt: skip
     if not known:
         certificate = replace(certificate, notes=(*certificate.notes, UNKNOWN))
     return certificate.sealed(posterior, rows, emulated, again, again)
@@ -201,6 +212,7 @@ def judge_draws(
     chain: EmulatedChain,
     judged: tuple[list[str], list[str]],
     evaluator: Evaluation,
+    approximate: LogPosterior | None,
     solves: int,
     again: int,
     settled: bool | None,
@@ -215,6 +227,7 @@ def judge_draws(
         chain: The chain of the emulated posterior.
         judged: What :func:`judge_chain` said of it.
         evaluator: Of the true posterior, by which nothing was solved yet.
+        approximate: The emulated posterior; None if only its chain is known.
         solves: How many full solves there are for draws and climbs.
         again: How many of these are left for the judgement of the fit.
         settled: Whether the emulator settled; None if that is not known.
@@ -226,21 +239,24 @@ def judge_draws(
     most = min(solves // SEARCH_SHARE, MOST_SEARCH_SOLVES)
     maxima, lost = _look_elsewhere(chain, evaluator, most, rng)
     climbed = evaluator.failed
-    places, counts = chain.choose(solves - evaluator.solves - again, rng)
-    theta, emulated = chain.draws[places], chain.log_posterior[places]
+    left = solves - evaluator.solves - again
+    theta, emulated, log_shares, narrow = _choose_draws(chain, approximate, left, rng)
     rows = np.array([row for _, row in sorted(evaluator.each(theta))])
     n, log_posterior = len(theta), rows[:, 0]
-    counted = log_posterior - emulated + np.log(counts)
-    efficiency = kish_share(counted)
+    ratios = log_posterior - emulated
+    counted = log_shares + ratios
+    log_ratio, possible = float(logsumexp(counted)), bool(counted.max() > -np.inf)
+    worth = n * kish_share(counted)
+    # That of draws of the emulated posterior alone.
+    squares = logsumexp(counted + ratios)
+    efficiency = float(np.exp(2 * log_ratio - squares)) if possible else 0.0
     smoothed, pareto_k = smooth_tail(counted)
-    log_ratio = float(logsumexp(counted) - np.log(counts.sum()))
     if efficiency < EQUAL_WEIGHTS and pareto_k <= GOOD_K:
         counted = smoothed
     weights, moments = np.zeros(n), np.full((len(MOMENTS), len(chain.names)), np.nan)
-    possible = bool(counted.max() > -np.inf)
     if possible:
         weights = softmax(counted)
-        moments = correct_moments(chain, theta, counts / counts.sum(), weights)
+        moments = correct_moments(chain, theta, np.exp(log_shares), weights)
     if (failed := evaluator.failed - climbed) > max_failures * n:
         faults.append(f"{failed} of {n} draws could not be solved")
     named: dict[str, Any] = dict(zip(MOMENTS, moments, strict=True))
@@ -249,7 +265,7 @@ def judge_draws(
         solves=evaluator.solves,
         failed_solves=evaluator.failed,
         efficiency=efficiency,
-        effective=n * efficiency / chain.excess(n),
+        effective=worth / chain.excess(n),
         settled=settled,
         pareto_k=pareto_k,
         largest=float(n * weights.max()) if possible else np.inf,
@@ -263,12 +279,50 @@ def judge_draws(
         search=_judge_climbs(maxima, lost),
         faults=tuple(faults),
         missed=find_missed(chain, maxima, theta, log_posterior, weights),
-        notes=(*warned, *_note(chain, n, len(maxima), lost, evaluator.failed)),
+        notes=(*warned, *narrow, *_note(chain, n, len(maxima), lost, evaluator.failed)),
         emulated_evidence=log_evidence(chain.idata) if chain.searched else None,
         idata=chain.idata,
         posterior=evaluator.posterior,
     )
     return certificate, rows, emulated
+
+
+def _choose_draws(
+    chain: EmulatedChain,
+    approximate: LogPosterior | None,
+    n: int,
+    rng: np.random.Generator,
+) -> tuple[Floats, Floats, Floats, list[str]]:
+    """Return draws to be solved, three quarters of the chain, the rest of a wider law.
+
+    A region that the emulated posterior holds for less likely than it is has more of
+    these. The shares are such as draws of both laws together have as draws of the
+    emulated posterior.
+
+    Returns:
+        At most ``n`` different draws, their emulated log-posterior, the logarithms of
+        their shares, whose sum is one, and a sentence if none are of the wider law.
+    """
+    some = slice(None, None, -(-len(chain.draws) // BRIDGED))
+    wide, low, narrow = np.empty((0, len(chain.names))), np.empty(0), list[str]()
+    if approximate is None:
+        narrow = [ONLY_CHAIN]
+    else:
+        prior = approximate.prior
+        at = chain.log_posterior[some] - prior.logpdf(chain.draws[some])
+        try:
+            number = n // SEARCH_SHARE
+            wide, low, log_ratio = draw_wider(approximate, at, number, rng)
+        except (ValueError, RuntimeError) as error:
+            narrow = [f"No wider emulated posterior could be drawn from: {error}."]
+    places, counts = chain.choose(n - len(wide), rng)
+    theta = np.vstack([chain.draws[places], wide])
+    emulated = np.append(chain.log_posterior[places], low)
+    log_shares = np.log(np.append(counts, np.ones(len(wide))))
+    if len(wide):
+        raised = log_ratio - (1 - WIDER_POWER) * (emulated - prior.logpdf(theta))
+        log_shares -= np.logaddexp(0.0, raised + np.log(len(wide) / counts.sum()))
+    return theta, emulated, log_shares - logsumexp(log_shares), narrow
 
 
 def _has_settled(idata: InferenceData, approximate: LogPosterior | None) -> bool | None:

@@ -6,9 +6,12 @@ import numpy as np
 
 from ...contracts import Floats
 from ...evaluation.evaluator import Evaluation, Solver
+from ...evaluation.failures import FailureLog
 from ...moves.proposing import temper
+from ...posterior.log_posterior import LOG_POSTERIOR, LogPosterior, log_likelihood
 from ...search.anneal import anneal_population, fewest_members
 from ...search.coordinates import Coordinates
+from ...search.importance import bridge
 from ...search.record import Annealed
 from .emulated import EmulatedModel
 from .problem import EmulationProblem
@@ -18,6 +21,8 @@ GROWN = 1.5  # growth of the number of points before another look at the prior
 # Error predicted at carried draws below which each round has a look.
 SMALL_PREDICTED = 0.1
 WIDER_IN_TRUTH = 2.0  # emulator sds that may be a single sd in truth
+# Power of the likelihood that makes a Gaussian posterior twice as wide.
+WIDER_POWER = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,3 +129,42 @@ class Explorer:
         self._last = (narrow, members), (broad, wide)
         errors = problem.predict_error(posterior, np.vstack([members, wide]))
         return EmulatedDraws(members, wide, errors, float(worth))
+
+
+def draw_wider(
+    approximate: LogPosterior,
+    log_likelihoods: Floats,
+    number: int,
+    rng: np.random.Generator,
+) -> tuple[Floats, Floats, float]:
+    r"""Return draws of a wider approximate posterior, which cost no full solve.
+
+    .. math:: p_w(\theta) = p(\theta) \tilde L(\theta)^{1/4} / Z_w
+
+    It is annealed from the prior, so it has parts that no chain came upon.
+
+    Args:
+        approximate: The approximate posterior.
+        log_likelihoods: Of it, at draws of it, ``(m,)``.
+        number: How many draws, at most a population's.
+        rng: Draws.
+
+    Returns:
+        Different draws ``(n, d)``, their approximate log-posterior ``(n,)``, and the
+        logarithm of the approximate evidence divided by :math:`Z_w`.
+
+    Raises:
+        ValueError: If too few draws of the prior have a finite likelihood.
+        RuntimeError: If the likelihood jumps.
+    """
+    solver = Solver(approximate, True)
+    evaluator = TemperedEvaluation(solver, None, FailureLog(1.0), power=WIDER_POWER)
+    coordinates = Coordinates.unbounded(approximate.prior)
+    size = max(MEMBERS, fewest_members(approximate.ndim))
+    x = anneal_population(evaluator, coordinates, rng, size).theta
+    theta = np.unique(coordinates.inside(x), axis=0)
+    rows = Evaluation(solver, None, FailureLog(1.0)).rows(theta)
+    less = 1 - WIDER_POWER
+    ratio = bridge(less * log_likelihoods, less * log_likelihood(rows))
+    some = rng.permutation(len(theta))[:number]
+    return theta[some], rows[some, LOG_POSTERIOR], ratio.log_ratio

@@ -331,7 +331,7 @@ class Emulation:
         self, number: int, emulator: EmulatedModel, draws: EmulatedDraws
     ) -> float:
         """Return the true error at the last points, and add it to the history."""
-        error = self._true_error(number, emulator, draws.predicted)
+        error = self._scaled_error(number, emulator, draws.predicted)
         spent = len(self.theta) - number
         self.history.append((spent, draws.predicted, error, draws.size))
         return error
@@ -452,7 +452,7 @@ class Emulation:
             chosen = np.vstack([chosen, theta[among][np.argmax(gain[among])]])
         return chosen[-number:]
 
-    def _true_error(
+    def _scaled_error(
         self, number: int, emulator: EmulatedModel, predicted: float
     ) -> float:
         """Return the true error at draws of the posterior, scaled by the last solves.
@@ -463,9 +463,21 @@ class Emulation:
         if not len(solved):
             return np.inf
         theta, emulated = self.theta[solved], self.problem.replace_model(emulator)
-        recorded = self.evaluator.posterior.unfold(self.rows[solved])
-        full, _ = self.problem.part(recorded)
-        true = self.problem.deviate(theta, full, emulated)
         square = self.problem.predict_error(emulated, theta)
+        true = self._deviate(theta, self.rows[solved], emulated)
         factor = np.sqrt((true**2 / np.maximum(square, UNMEASURED**2)).mean())
         return float(factor * np.maximum(predicted, UNMEASURED))
+
+    def true_error(
+        self, emulator: EmulatedModel, theta: Floats, weights: Floats
+    ) -> float:
+        """Return the root mean square error of an emulator at weighted points."""
+        theta, weights = theta[weights > 0], weights[weights > 0]
+        rows = np.array([row for _, row in self.evaluator.each(theta)])
+        true = self._deviate(theta, rows, self.problem.replace_model(emulator))
+        return float(np.sqrt(weights @ true**2 / weights.sum()))
+
+    def _deviate(self, theta: Floats, rows: Floats, emulated: LogPosterior) -> Floats:
+        """Return how far an emulator is from what was solved, ``(n,)``."""
+        full, _ = self.problem.part(self.evaluator.posterior.unfold(rows))
+        return self.problem.deviate(theta, full, emulated)

@@ -12,7 +12,7 @@ from support.chains import ar1, backend
 from support.free_posterior import box, free_posterior
 
 import emcee_femu as ef
-from emcee_femu.extensions.emulation.certify import UNKNOWN
+from emcee_femu.extensions.emulation.certify import ONLY_CHAIN, UNKNOWN
 from emcee_femu.extensions.emulation.emulated_chain import EmulatedChain
 
 COVARIANCE = np.array([[1.0, 0.6, 0.0], [0.6, 1.0, -0.3], [0.0, -0.3, 1.0]])
@@ -288,6 +288,43 @@ def test_a_mode_that_the_emulator_lacks_is_found_by_climbing(variance):
         assert least <= len(missed) <= most
         assert all(c.efficiency > 0.99 for c in found)
         assert all("x1 = 6" in c.verdict or "x1 = 5.9" in c.verdict for c in missed)
+
+
+def lobed(level):
+    """Return a law with a lobe of 30 % of it, at a level that may be too low."""
+    lobe = LogGaussian(np.array([7.0, 0.0, 0.0]), COVARIANCE, level)
+    return free_posterior(
+        lambda x: np.logaddexp(np.log(0.7) + TRUE(x), np.log(0.3) + lobe(x)), WIDE_BOX
+    )
+
+
+@pytest.mark.slow
+def test_a_lobe_that_the_emulator_denies_is_seen_by_wider_draws():
+    """It holds .1 % for 30 %; for climbs solves are too few; a wider draw in seven."""
+    run, verdicts = ef.run(lobed(-6.0), seed=1), list[str]()
+    for seed in range(20):
+        found = ef.certify(run, lobed(0.0), 44, seed=seed)
+        assert found.search.status == "not searched"
+        verdicts.append(found.short)
+    assert verdicts.count("certified") <= 10  # 20 * 0.85^11 are expected
+    # Of an ArviZ object the draws of the chain are all there is, and it says so.
+    alone = ef.certify(ef.to_inference_data(run), lobed(0.0), 44, seed=1)
+    assert alone.short == "certified" and ONLY_CHAIN in alone.findings
+
+
+def test_wider_draws_count_as_draws_of_two_laws_together():
+    near = LogGaussian(np.full(3, 0.05), COVARIANCE)
+    emulated, true = posterior(near), posterior(TRUE)
+    run = ef.run(emulated, ef.DEMCMove(), 24, 400, ensembles=1, seed=1)
+    found = ef.certify(run, true, 600, seed=1)
+    theta, weights = found.theta, found.weights / found.weights.sum()
+    lower = found.log_posterior.max() - 7.0
+    assert (found.log_posterior < lower).sum() > 20  # wider
+    exact = np.exp(-(0.05**2) * np.linalg.inv(COVARIANCE).sum())
+    assert found.efficiency == pytest.approx(exact, abs=0.01)
+    np.testing.assert_allclose(weights @ theta**2, 1.0, atol=0.3)  # by them alone
+    z = np.append(found.mean / found.mean_error, (found.sd - 1) / found.sd_error)
+    assert (np.abs(z) < 4.5).all()
 
 
 def test_a_flat_part_that_the_emulator_lacks_is_refused():
