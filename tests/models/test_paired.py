@@ -9,7 +9,7 @@ from support.gradients import Crossing
 
 import emcee_femu as ef
 from emcee_femu import Measurements, ModalSolution, PairedModel, ShapeTerm
-from emcee_femu.models.paired import _couple_modes
+from emcee_femu.models.paired import couple_modes
 
 
 def random_shapes(seed, *shape):
@@ -317,7 +317,7 @@ def test_the_coupling_of_close_modes_fades_without_a_kink():
     gap, small = 0.02, 1e-3
 
     def coupling(apart):
-        return _couple_modes(np.array([[100.0, 100.0 * (1 + apart * gap)]]), gap)[
+        return couple_modes(np.array([[100.0, 100.0 * (1 + apart * gap)]]), gap)[
             0, 0, 1
         ]
 
