@@ -23,11 +23,14 @@ from ..verdict.diagnosis import (
 from ..verdict.statistics import MaximaWeights
 from ..verdict.verdict import judge_chains
 from .arviz_objects import (
+    SAMPLED,
     InferenceData,
     dataset,
+    groups,
     is_arviz,
     judgement_of,
     samples_of,
+    wrap,
 )
 from .chains import read_chains
 from .fit import read_records
@@ -138,10 +141,10 @@ def judge_search(maxima: MaximaWeights | None, cures: Cures) -> Statement:
         f"that attracts fewer than 1 in {maxima.searched // HITS:,} points{reached} "
         "could have been missed."
     )
-    if count > 1:
+    if maxima.held > 1:
         sentence += (
-            f" The samples form {count} separate clouds, and a mean may lie between "
-            "them: report each with its weight."
+            f" The samples form {maxima.held} separate clouds, and a mean may lie "
+            "between them: report each with its weight."
         )
         i, j = np.triu_indices(count, 1)
         weights, errors = (
@@ -192,4 +195,11 @@ def _read(
     known = posterior.attrs.get(FIT)
     records = None if known is None else read_records(known)
     left_out = len(posterior["draw"]) - len(chains.draws)
-    return source.isel(draw=slice(left_out, None)) if left_out else source, records
+    if left_out:  # of the samples alone: draws of the prior have no burn-in
+        source = wrap(
+            {
+                name: part.isel(draw=slice(left_out, None)) if name in SAMPLED else part
+                for name, part in groups(source).items()
+            }
+        )
+    return source, records

@@ -172,6 +172,9 @@ def find_drift(draws: Floats) -> int:
     return 0
 
 
+PRINTED = 0.0005  # the least weight that three decimals show
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class MaximaWeights(Report):
     """Separate maxima of the posterior in the chain of ``run(..., "auto")``.
@@ -213,6 +216,13 @@ class MaximaWeights(Report):
 
     def _parts(self) -> Parts:
         return (self.table,)
+
+    @property
+    def held(self) -> int:
+        """How many maxima have a weight that is printed as more than zero."""
+        return int(
+            (~(np.fmax(self.importance, self.weights.mean(axis=0)) < PRINTED)).sum()
+        )
 
     @property
     def table(self) -> Table:

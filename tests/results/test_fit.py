@@ -154,10 +154,23 @@ def test_a_spurious_mode_that_parameters_follow_is_told_by_the_prior_mean():
         )
         for label, (mac, before) in macs.items()
     ]
-    judged = judge_modes(experiment, {}, {}, found)
+    judged = judge_modes(experiment, found)
     assert [r.label for r in judged if r.status == RESEMBLES_NONE] == ["2"]
     turned = FitRecord(SUSPECT, "", "", "sensor", "s1")  # which explains them as well
-    judged = judge_modes(experiment, {}, {}, [*found, turned])
+    judged = judge_modes(experiment, [*found, turned])
+    assert not any(r.status == RESEMBLES_NONE for r in judged)
+
+
+def test_a_sensor_is_suspected_where_shapes_only_pair_modes():
+    """A good mode that it makes unlike is not called spurious."""
+    (experiment,) = target(broken("turned")).experiments
+    frequencies = experiment.terms[0]
+    prior = ef.IndependentPrior(LAW)
+    posterior = ef.LogPosterior(experiment.model, frequencies, prior)
+    unlike = FitRecord(RESEMBLES_NONE, "", "", "mode", "2", mac=0.3)
+    suspects = [*find_suspects(posterior, np.ones(1), [unlike])]
+    assert [record.label for record in suspects] == ["s4"]
+    judged = judge_modes(experiment, [unlike, *suspects])
     assert not any(r.status == RESEMBLES_NONE for r in judged)
 
 
