@@ -30,7 +30,9 @@ def plot_mac(
     "Before" is the model at the prior mean, left out if it cannot be solved; "after" is
     the model at the posterior mean. This takes two solves. Columns are the model modes
     among which pairs were searched; a red frame marks a pair. The 95 % interval of the
-    pair's MAC over the samples stands below the number.
+    pair's MAC over the samples stands below the number. Modes closer than ``min_gap``
+    of the :class:`PairedModel` share a subspace: the MAC of a pair is with that of all
+    modes named beside it, as in ".99 of 3, 4".
 
     Args:
         idata: The result of :func:`run` or :func:`to_inference_data`.
@@ -109,8 +111,11 @@ def _draw_matrix(
     for (i, j), value in np.ndenumerate(pairing.mac):
         text, size = show_mac(value), 9.0
         if pairing.chosen[i] == j:
+            modes = 1 + np.flatnonzero(pairing.combined[i])
             style: Style = {"fill": False, "ec": RED, "lw": 1.6}
             axes.add_patch(Rectangle((j - 0.47, i - 0.45), 0.94, 0.9, **style))
+            if len(modes) > 1:
+                text += f" of {', '.join(map(str, modes))}"
             if ends is not None:
                 size = 8.0
                 text += "\n" + "–".join(show_mac(end, 3) for end in ends[:, i])

@@ -34,6 +34,9 @@ from .style import (
 Moves: TypeAlias = dict[Hashable, Floats]  # displacements (3,) by node
 
 SHAPE_COLUMNS, SHAPE_PANEL = 3, 2.33  # panels beside each other; inches of each
+TITLE_LINE, LEGEND_LINE = 0.16, 0.2  # inches
+PADDING = 0.1  # inches around a panel, and around the legend
+STEEPEST = 1.6  # height of a panel by its width, at most
 LARGEST_DRAWN = 0.15  # displacement drawn, of the size of the structure
 SHAPE_MARGIN = 0.17  # around the structure, of its size
 # A view in space: from how far to the side, and from how far above.
@@ -59,11 +62,14 @@ def plot_shapes(
     model's scale. Blue lines follow their nodes; where the model returns all rotations
     too, they bend as beams do, by the cubics of their elements. A node without DOFs
     does not move if it is one of the geometry's supports, or if the model returns
-    shapes at all its DOFs (``shapes=True``); otherwise its lines are left out. For
-    close modes, whose shapes
-    can be any combination of one another, the combination closest to the measured shape
-    is drawn, at the sensors only. Without measured shapes, the model's shapes are drawn
-    alone.
+    shapes at all its DOFs (``shapes=True``); otherwise its lines are left out. Without
+    measured shapes, the model's shapes are drawn alone.
+
+    The shapes of close modes can be any combination of one another. For modes closer
+    than ``min_gap`` of the :class:`PairedModel`, the combination closest to the
+    measured shape is drawn, and the title names the modes in it: the MAC is that of the
+    measured shape with their subspace. It is drawn at the sensors only if their shapes
+    are too much alike there to tell how they are combined.
 
     A plane structure whose modes stay in the plane is drawn in that plane, any other in
     space, with z upwards.
@@ -176,8 +182,11 @@ def _lay_out(
     count = len(numbers) + structure
     rows = -(-count // SHAPE_COLUMNS)
     columns = -(-count // rows)
-    slope = np.clip(np.divide(*(high - low)[::-1]), 0.3, 1.6)
-    inches = max(SHAPE_PANEL * columns, 3.6), 0.6 + rows * (0.4 + SHAPE_PANEL * slope)
+    slope = min(float(np.divide(*(high - low)[::-1])), STEEPEST)
+    above = TITLE_LINE * max(1 + _title(solved, n - 1).count("\n") for n in numbers)
+    below = PADDING + LEGEND_LINE * (1 if columns == SHAPE_COLUMNS else 2)
+    height = below + rows * (above + PADDING + (SHAPE_PANEL - PADDING) * slope)
+    inches = max(SHAPE_PANEL * columns, 3.6), height
     box = low, high, size
     return Layout(geometry, solved, numbers, drawn, view, *box, columns, inches)
 
@@ -218,9 +227,8 @@ def _displace(modes: ModeShapes, geometry: Geometry, i: int) -> list[Moves]:
         sensors, paired = pairing.sensors, pairing.paired[:, i]
         measured = pairing.measured[:, i]
         measured = measured * np.nansum(measured * paired) / np.nansum(measured**2)
-        column = modes.shapes[:, pairing.chosen[i]]
-        # What close modes span is known at the sensors only.
-        values = {} if pairing.shared[i] else dict(zip(modes.dofs, column, strict=True))
+        whole = zip(modes.dofs, pairing.everywhere[:, i], strict=True)
+        values = {dof: value for dof, value in whole if np.isfinite(value)}
         values |= dict(zip(sensors, paired, strict=True))
     unknown = [
         dof
@@ -376,9 +384,13 @@ def _title(modes: ModeShapes, i: int) -> str:
     if (pairing := modes.pairing) is None:
         return f"mode {i + 1}: {modes.frequencies[i]:.4g} Hz updated"
     k = pairing.chosen[i]
+    *first, last = map(str, 1 + np.flatnonzero(pairing.combined[i]))
+    known = np.isfinite(pairing.everywhere[:, i]).all()
+    where = "combined" if known else "at the sensors only"
+    several = f" of\nmodes {', '.join(first)} and {last}, {where}" if first else ""
     return (
-        f"mode {i + 1}: {pairing.hertz[i]:.4g} Hz measured,\n"
-        f"{modes.frequencies[k]:.4g} Hz updated, MAC {show_mac(pairing.mac[i, k], 3)}"
+        f"mode {i + 1}: {pairing.hertz[i]:.4g} Hz measured,\n{modes.frequencies[k]:.4g}"
+        f" Hz updated, MAC {show_mac(pairing.mac[i, k], 3)}{several}"
     )
 
 

@@ -147,7 +147,8 @@ def plot_scatter(
     is_shown = [d > 1, True in drawn, False in drawn, np.isfinite(marks).any()]
     handles = [h for h, shown in zip(handles, is_shown, strict=True) if shown]
     style = {"loc": "upper right", "frameon": False, "fontsize": min(11, 6.5 + d)}
-    style["bbox_to_anchor"] = (1.0, 1.0 - (above - RIGHT_INCHES) / side)
+    style["bbox_to_anchor"] = (1 - RIGHT_INCHES / side, 1 - above / side)
+    style["borderaxespad"] = 0.0  # it ends where the panels do
     figure.legend(handles=handles, **style)
     return figure
 

@@ -177,9 +177,13 @@ def _draw_initial(axes: Axes, before: Floats, shown: Floats, unit: str) -> None:
     near |= (low < before) & (before < high)
     far = np.isfinite(before) & ~near
     place = np.arange(len(before))
-    label = "before updating: prior mean"
-    style: Style = {"color": RED, "mfc": "none", "ms": 7, "label": label}
-    axes.plot(place[near] - 0.22, before[near], "D", **style)
+    style: Style = {"color": RED, "mfc": "none", "ms": 7, "ls": ""}
+    if near.any():
+        label = "before updating: prior mean"
+        axes.plot(place[near] - 0.22, before[near], marker="D", label=label, **style)
+    if far.any():  # in the legend, for annotations are in none
+        label = "before updating: beyond the axis"
+        axes.plot([], [], marker=r"$\uparrow$", label=label, **style)
     style = {"color": RED, "ha": "center", "fontsize": 9}
     style["arrowprops"] = {"arrowstyle": "-|>", "color": RED}
     for x, value in zip(place[far], before[far], strict=True):

@@ -250,7 +250,7 @@ class PairedModel:
             near = np.diff(frequencies) < self.min_gap * frequencies[:, :-1]
         close = near.any(axis=1)
         if close.any():
-            coupling = _couple_modes(frequencies[close], self.min_gap)
+            coupling = couple_modes(frequencies[close], self.min_gap)
             at, mode = np.nonzero((coupling > 0).sum(axis=2) > 1)
             row = np.flatnonzero(close)[at]
             shared[row, mode] = np.arange(len(row))
@@ -362,14 +362,14 @@ def _scale(shapes: Floats, sensors: NDArray[np.bool_]) -> Floats:
     return np.asarray(shapes * np.divide(1, size, out=np.zeros_like(size), where=moves))
 
 
-def _couple_modes(frequencies: Floats, min_gap: float) -> Floats:
+def couple_modes(frequencies: Floats, min_gap: float) -> Floats:
     """Return how far each mode ``(n, q)`` shares its space with each other.
 
     1 for neighbours nearer than half of ``min_gap``, 0 beyond it, a smooth passage
     between; along a row of close neighbours the weakest link counts.
     """
     n, q = frequencies.shape
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore"):  # min_gap may be zero
         gaps = np.diff(frequencies) / (min_gap * frequencies[:, :-1])
     x = np.clip(2.0 * np.nan_to_num(gaps, nan=np.inf) - 1.0, 0.0, 1.0)
     links = 1.0 - x * x * (3.0 - 2.0 * x)  # (n, q - 1)

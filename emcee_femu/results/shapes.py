@@ -8,10 +8,13 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..contracts import Floats, Variable, read, read_declared
+from ..models.paired import AT_REST, couple_modes
 from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
 
-ROUNDING = 1e-9  # by which the MAC of a shape with itself may be off
+# Shapes of close modes at the sensors, of unit length: their least singular value, at
+# which errors of a measured shape are ten times as large in how it combines them.
+LEAST_APART = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +28,11 @@ class Pairing:
         chosen: The model's mode that is paired with each, from 0, ``(m,)``.
         paired: Its shape at the sensors, ``(n_sensors, m)``; for close modes, the
             combination of their shapes that is nearest to the measured one.
-        shared: Whether it is such a combination, ``(m,)``.
-        mac: Measured modes against the model's, ``(m, q)``.
+        everywhere: This shape at all DOFs that the model returns, ``(n_dof, m)``; NaN
+            where the sensors do not tell how close modes are combined.
+        combined: The model's modes of which it is a combination, ``(m, q)``.
+        mac: Measured modes against the model's, ``(m, q)``; that of a pair is with the
+            subspace of all modes that are combined.
     """
 
     measured: Floats
@@ -34,7 +40,8 @@ class Pairing:
     sensors: Sequence[Hashable]
     chosen: NDArray[np.intp]
     paired: Floats
-    shared: NDArray[np.bool_]
+    everywhere: Floats
+    combined: NDArray[np.bool_]
     mac: Floats
 
 
@@ -91,11 +98,19 @@ def solve_shapes(
         return ModeShapes(hertz, shapes, dofs, complete)
     measured, solution = paired.measurements, paired.pair(response)
     assert measured.shapes is not None
-    at_sensors = paired.read_candidates(response)[1][0]
+    candidates = paired.read_candidates(response)
+    at_sensors = candidates[1][0]
     chosen = solution.model_mode[0] - 1
     mac = modal_assurance(measured.compared, at_sensors)
     mac[np.arange(len(chosen)), chosen] = solution.mac[0]
-    itself = modal_assurance(solution.shapes[0], at_sensors[:, chosen]).diagonal()
+    combined = couple_modes(candidates[0], paired.min_gap)[0, chosen] > 0
+    own = shapes[:, : at_sensors.shape[1]]
+    moving = np.linalg.norm(at_sensors, axis=0) > AT_REST * np.linalg.norm(own, axis=0)
+    combined &= moving | (np.arange(len(moving)) == chosen[:, None])
+    by_mode = _find_combinations(
+        combined, at_sensors, solution.shapes[0], np.isfinite(measured.compared)
+    )
+    known = np.isfinite(by_mode).all(axis=0)
     sensors: Sequence[Hashable] = dofs if declared else measured.sensors
     if measured.dofs is not None:
         sensors = measured.dofs.tolist()
@@ -106,11 +121,41 @@ def solve_shapes(
         measured.frequencies,
         sensors,
         chosen,
-        solution.shapes[0],
-        itself < 1 - ROUNDING,
+        np.where(known, at_sensors @ by_mode, solution.shapes[0]),
+        own @ by_mode,
+        combined,
         mac,
     )
     return ModeShapes(hertz, shapes, dofs, complete, pairing)
+
+
+def _find_combinations(
+    combined: NDArray[np.bool_],
+    at_sensors: Floats,
+    paired: Floats,
+    there: NDArray[np.bool_],
+) -> Floats:
+    """Return how each paired shape combines the model's modes, ``(q, m)``.
+
+    By least squares; one for a mode that is alone, so that it keeps its own scale, and
+    NaN where the shapes of close modes are too much alike at the sensors.
+
+    Args:
+        combined: The modes of each, ``(m, q)``.
+        at_sensors: Their shapes ``(n_sensors, q)``.
+        paired: The paired shapes ``(n_sensors, m)``.
+        there: The sensors at which each was measured, ``(n_sensors, m)``.
+    """
+    by_mode = combined.T.astype(float)
+    for i in np.flatnonzero(combined.sum(axis=1) > 1):
+        seen, modes = there[:, i], combined[i]
+        each = at_sensors[np.ix_(seen, modes)]
+        size = np.linalg.norm(each, axis=0)
+        unit = each / np.where(size > 0, size, 1.0)
+        values, _, _, apart = np.linalg.lstsq(unit, paired[seen, i])
+        clear = len(apart) == modes.sum() and apart.min() > LEAST_APART
+        by_mode[modes, i] = values / size if clear else np.nan
+    return by_mode
 
 
 def modal_assurance(measured: Floats, shapes: Floats) -> Floats:

@@ -1,6 +1,7 @@
 """The MAC matrix before and after updating, by closed forms of a tower."""
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 from support.chains import dataset
 from support.figures import assert_readable
@@ -49,3 +50,20 @@ def test_the_matrix_has_the_mac_before_and_after_with_frames_around_the_pairs():
             assert_allclose(axes.images[0].get_array(), expected, rtol=1e-9)
             centres = [np.mean(p.get_corners(), axis=0) for p in axes.patches]
             assert_allclose(centres, pairs, atol=1e-12)
+
+
+@pytest.mark.parametrize(("gap", "names"), [(0.0199, "of 1, 2"), (0.0201, "")])
+def test_a_pair_of_close_modes_names_all_whose_subspace_it_is_compared_with(gap, names):
+    model = ef.FunctionModel(
+        lambda p: ef.ModalSolution(np.array([p["k1"], p["k1"] * (1 + gap)]), np.eye(2)),
+        variables=ef.modal_variables(2, [0, 1]),
+    )
+    test = ef.Measurements([12.0], shapes=[[1.0], [0.1]], dofs=[0, 1])
+    term = ef.FrequencyTerm(test, relative_sd=0.01)
+    posterior = ef.LogPosterior(ef.PairedModel(model, test), term, PRIOR)
+    run = ef.run(posterior, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
+    figure = ef.figures.plot_mac(run)
+    assert_readable(figure)
+    for axes in figure.axes[:2]:
+        pair, other = (text.get_text().partition("\n")[0] for text in axes.texts)
+        assert pair.partition(" ")[2] == names and " " not in other

@@ -89,6 +89,20 @@ def test_the_structure_moves_as_the_updated_model_does_in_its_plane(run):
     assert len(ef.figures.plot_shapes(run, geometry=TOWER, modes=2).axes) == 1
 
 
+@pytest.mark.parametrize("modes", [1, [1, 2]])
+def test_no_empty_band_is_left_above_the_legend(run, modes):
+    """Of a tall structure and a long one, in one panel or two."""
+    nodes = {"foot": (0, 0), "middle": (3, 0), "top": (6, 0)}
+    sensors = {0: ("middle", "uy"), 1: ("top", "uy")}
+    lying = ef.Geometry(nodes, TOWER.lines, sensors)
+    for geometry in (TOWER, lying):
+        figure = ef.figures.plot_shapes(run, geometry=geometry, modes=modes)
+        figure.canvas.draw()
+        top = figure.legends[0].get_window_extent().y1
+        low = min(axes.get_window_extent().y0 for axes in figure.axes)
+        assert 0 <= (low - top) / figure.dpi < 0.2  # inches
+
+
 def test_what_cannot_be_drawn_says_what_to_give(run):
     bare = ef.Geometry({0: (0, 0), 1: (0, 1)}, [(0, 1)], {0: (1, "ux")})
     for wrong, message in (
@@ -174,19 +188,47 @@ def test_sensors_across_each_other_add_up_and_a_skew_one_is_not_counted_twice():
     assert_allclose(along, move / np.linalg.norm(move), rtol=1e-9)
 
 
-def test_what_close_modes_span_is_drawn_at_the_sensors_only():
-    """Two modes of one frequency: the model's own shapes are turned by 45 degrees."""
-    half = 0.5**0.5
-    shapes = np.array([[half, half], [half, -half], [2, 3]])
+def drawn_of_close(shapes, gap=0.0, measured=(1.0, 0.0)):
+    """Draw two modes whose frequencies differ by a part, with two sensors at a node."""
     model = ef.FunctionModel(
-        lambda p: ef.ModalSolution(np.array([p["k1"], p["k1"]]), shapes),
+        lambda p: ef.ModalSolution(np.array([p["k1"], p["k1"] * (1 + gap)]), shapes),
         variables=ef.modal_variables(2, ["1:ux", "1:uy", "2:ux"]),
     )
-    test = ef.Measurements([12.0], shapes=[[1.0], [0.0]], dofs=["1:ux", "1:uy"])
-    geometry = ef.Geometry({0: (0, 0), 1: (1, 0), 2: (2, 0)}, [(0, 1), (1, 2)])
-    (axes,) = ef.figures.plot_shapes(run_of(model, test), geometry=geometry).axes
+    measured = np.array([measured]).T
+    test = ef.Measurements([12.0], shapes=measured, dofs=["1:ux", "1:uy"])
+    nodes = {0: (0, 0), 1: (0, 1), 2: (0, 2)}
+    geometry = ef.Geometry(nodes, [(0, 1), (1, 2)], supports=[0])
+    return ef.figures.plot_shapes(run_of(model, test), geometry=geometry).axes[0]
+
+
+def test_of_close_modes_the_combination_nearest_to_the_measured_shape_is_drawn():
+    """Two modes of one frequency: the model's own shapes are turned by 45 degrees."""
+    half = 0.5**0.5
+    shapes = np.array([[half, half], [half, -half], [2, 3]]) * [1, 2]  # no unit length
+    axes = drawn_of_close(shapes)
     assert_allclose(points(axes, AT_SENSORS), points(axes, "measured"), atol=1e-9)
-    assert not [c for c in axes.collections if c.get_label() == MOVED]
+    foot, middle, top = lines(axes, MOVED)[[0, 0, 1], [0, 1, 1]]
+    assert_allclose([foot, middle], [[0, 0], points(axes, AT_SENSORS)[0]], atol=1e-12)
+    assert top[0] / middle[0] == pytest.approx(half * (2 + 3))  # each of them as much
+
+
+@pytest.mark.parametrize("gap", [0.0199, 0.0201])
+def test_a_shape_has_one_scale_and_sign_on_either_side_of_the_least_gap(gap):
+    """Shapes are far from unit length, and of the other sign than the measured one."""
+    axes = drawn_of_close(np.array([[-0.06, 0.01], [0.01, 0.06], [-0.12, 0.02]]), gap)
+    middle, top = lines(axes, MOVED)[[0, 1], 1]
+    assert_allclose(middle, points(axes, AT_SENSORS)[0], atol=1e-12)
+    assert top[0] / middle[0] == pytest.approx(2, abs=1e-3)
+
+
+@pytest.mark.parametrize("error", [0.0, 1e-3])
+def test_close_modes_alike_at_the_sensors_are_drawn_there_only(error):
+    shapes = np.array([[0.5, 0.5], [0.5, 0.5 + error], [2, 3]])
+    axes = drawn_of_close(shapes, measured=(1.0, 1.0))
+    assert len(points(axes, AT_SENSORS)) == 1 and len(lines(axes, MOVED)) == 1
+    # A mode that rests at the sensors is no part of what they measured.
+    axes = drawn_of_close(np.array([[0.5, 1e-3 * error], [0.0, 0.0], [1.0, 3]]))
+    assert (len(lines(axes, MOVED)) == 2) is (error == 0)
 
 
 def cantilever(elements):

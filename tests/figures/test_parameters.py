@@ -52,6 +52,17 @@ def inside(contours, level, points):
     return sum(shape.contains_points(points).astype(int) for shape in shapes) % 2 == 1
 
 
+@pytest.mark.parametrize("count", [2, 4, 6])
+@pytest.mark.parametrize("ellipse", [True, False])
+def test_the_legend_of_pairs_ends_where_the_panels_do(count, ellipse):
+    draws = np.random.default_rng(5).normal(size=(4, 200, count))
+    figure = ef.figures.plot_scatter(made(draws), ellipse=ellipse)
+    figure.canvas.draw()
+    box, (first, *_, last) = figure.legends[0].get_window_extent(), figure.axes
+    assert_allclose([box.x1, box.y1], [last.bbox.x1, first.bbox.y1], atol=1.0)
+    assert not box.overlaps(first.bbox) and not box.overlaps(last.bbox)
+
+
 def test_every_pair_has_the_covariance_ellipse_of_all_samples():
     mix = np.array([[1.0, 0.7, -0.97], [0.0, 1.0, 0.2], [0.0, 0.0, 0.3]])
     scale = np.array([1.0, 2e-8, 3.0])

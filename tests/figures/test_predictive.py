@@ -158,6 +158,23 @@ def test_all_is_drawn_as_deviation_in_percent_or_in_the_unit(
     assert_allclose(diamonds.get_ydata(), expected, rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("prior", [[5.0, -3.0, 0.0], [90.0, 90.0, -90.0], [9, 90, 9]])
+def test_the_legend_names_what_is_drawn_of_the_prior_mean(prior):
+    """Deviations in percent, of which an axis of some 4 % holds the small ones."""
+    idata = made(HERTZ, "Hz", ("mode",), HERTZ * (1 + np.array(prior) / 100))
+    figure = ef.figures.plot_predictive(idata)
+    (axes,), (legend,) = figure.axes, figure.legends
+    diamonds = [line for line in axes.lines if line.get_marker() == "D"]
+    handles = [
+        h.get_marker() for h in legend.legend_handles if hasattr(h, "get_marker")
+    ]
+    shown = sum(len(line.get_xdata()) for line in diamonds)
+    assert ("D" in handles) is (shown > 0)
+    assert (r"$\uparrow$" in handles) is (len(axes.texts) > 0)
+    assert shown + len(axes.texts) == 3
+    assert_readable(figure)
+
+
 def test_below_stand_mac_and_the_paired_mode():
     mac = 1 - 0.2 * np.random.default_rng(1).random((4, 200, 3))
     idata = made(HERTZ, "Hz", ("mode",), 1.05 * HERTZ, mac=mac)

@@ -101,7 +101,7 @@ def choose_telling(
 ) -> list[int]:
     """Return the modes, from 1, whose frequencies updating has changed most.
 
-    Close modes come last, for only at the sensors it is known how they move. It takes a
+    Last come close modes of which only the sensors tell how they move. It takes a
     solve, at ``theta (d,)``.
     """
     pairing = solve_shapes(posterior, experiment, theta).pairing
@@ -110,7 +110,8 @@ def choose_telling(
     for part in measured:
         if part.name == experiment.full_name("frequency"):
             moved = np.abs(np.log(part.updated / part.initial))
-    order = np.lexsort([-np.nan_to_num(moved), pairing.shared])
+    unknown = np.isnan(pairing.everywhere).any(axis=0)
+    order = np.lexsort([-np.nan_to_num(moved), unknown])
     return sorted((1 + order[:TELLING]).tolist())
 
 
