@@ -39,7 +39,8 @@ LONG_RUN = 600.0
 BRIEF = 3.0
 # The same where points are solved one by one, of which a batch is one.
 BRIEF_ALONE = 0.1
-MINUTE, HOUR = 60.0, 3600.0
+MINUTE = 60.0
+HOUR = 3600.0
 
 
 def run(
@@ -160,14 +161,6 @@ def run(
         [(100, 20, 5), (100, 20, 5)]
     """
     # 1. Check what is asked, before any solve.
-    if callable(posterior) and not isinstance(
-        getattr(posterior, "posterior", posterior), LogPosterior
-    ):
-        raise TypeError(
-            f"posterior: expected a LogPosterior, got {type(posterior).__name__}; of a "
-            "bare log-probability make one: LogPosterior.from_function(log_likelihood, "
-            "{name: (low, high)})"
-        )
     checks.instance("posterior", posterior, LogPosterior)
     weighted = None if moves == "auto" else copy_moves(weigh_moves(moves))
     for move, _ in weighted or ():
