@@ -38,7 +38,9 @@ WRONG = 2.0  # times what was measured, or its inverse: more than a model's erro
 MOST_NAMED = 3  # terms that are described at length
 NOT_DRAWN = "no term draws new measurements of what the model stores"
 NO_DATA = "no term says what was measured; a bare log-likelihood cannot"
-NOT_KNOWN = "to_inference_data(source, posterior) has the data of a LogPosterior"
+NOT_KNOWN = (
+    "these are samples alone; to_inference_data(sampler, posterior) adds the data"
+)
 DOES_NOT_FIT, NOT_CHECKED = "does not fit", "not checked"
 OFF = MISFIT, RESEMBLES_NONE
 LEAVE_OUT = "Leave it out, and ask whether it is a harmonic of a machine, or noise."
@@ -142,8 +144,11 @@ def _compare_replicates(drawn: Sequence[Measured]) -> _Replicates:
         worst = int(np.argmax(z))
         wrong |= bool(ratios.max(initial=0) > np.log(WRONG))
         if z[worst] > FAR_OUTSIDE or (chance < CHANCE and not part.inside.all()):
+            where = part.labels[worst]
+            if where.replace(".", "", 1).isdigit():  # which says nothing alone
+                where = f"{part.dims} {where}"
             far[part.name] = (
-                f"{part.name} of {part.dims} {part.labels[worst]} is farthest out "
+                f"{part.name} ({where}) is farthest out "
                 f"(measured {part.values[worst]:.4g}, updated {part.updated[worst]:.4g}"
                 f"{f' {part.unit}'.rstrip()})"
             )

@@ -58,14 +58,15 @@ class Identifiability(Report):
             density is at least 0.75, and twice the prior's. Never an error against its
             lower bound: it may well be as small.
         modes: The label of each row of the sensitivities.
-        sensitivities: d ln(lambda_i) per prior standard deviation of each parameter,
-            at the posterior mean, ``(n_modes, d)``; NaN for a mode without a positive
-            frequency, and for error parameters.
+        sensitivities: d ln(lambda_i) per prior standard deviation of each parameter
+            (of its logarithm where ``logarithms`` are not NaN), at the posterior mean,
+            ``(n_modes, d)``; NaN for a mode without a positive frequency, and for error
+            parameters.
         r_squared: R^2 of the fits behind the sensitivities, ``(n_modes,)``; NaN for a
             mode that no parameter changes.
         effect: Change of all measured quantities, including shapes, in standard errors
-            per prior standard deviation of each parameter, ``(d,)``; NaN if unknown and
-            for error parameters.
+            per prior standard deviation of each parameter, or of its logarithm, as for
+            ``sensitivities``, ``(d,)``; NaN if unknown and for error parameters.
         logarithms: Mean and standard deviation of the logarithm, of the prior and then
             of the posterior, ``(4, d)``. NaN unless the parameter is positive and its
             prior is more symmetrical on the log scale (e.g. lognormal).
@@ -252,6 +253,9 @@ class Identifiability(Report):
         columns: list[Column] = [("parameter", "", labels)]
         columns += [(mode, show(row, SMALL_EFFECT), row) for mode, row in rows]
         title = "Sensitivity of the eigenvalues: % per prior standard deviation"
+        logged = ~np.isnan(self.logarithms[1])
+        if logged.any():
+            title += f" (of the logarithm of {', '.join(np.array(self.names)[logged])})"
         return Table.from_columns(title, columns)
 
     def _parts(self) -> Parts:
@@ -279,8 +283,10 @@ def identifiability(idata: object) -> Identifiability:
     remaining variation is curvature.) Parameters that only likelihood terms read, such
     as a noise level, have no sensitivities. The effect in standard errors includes all
     measured quantities, such as shapes and deflections; it follows from the curvature
-    of the log-likelihood, which is fitted in the same way. Ratios and shifts are
-    computed on the log scale if the prior is more symmetrical there (e.g. lognormal).
+    of the log-likelihood, which is fitted in the same way. Ratios, shifts,
+    sensitivities and effects are those of the logarithm of a parameter whose prior is
+    more symmetrical there (e.g. lognormal): for it, the standard deviation in the
+    formula is that of the logarithm, and the derivative is multiplied by the parameter.
 
     The findings list
 
@@ -352,7 +358,8 @@ def describe_samples(idata: InferenceData, fitted: bool = True) -> Identifiabili
         logs = np.log(draws).mean(axis=0), np.log(draws).std(axis=0)
     weights, before = np.ones(len(draws)), prior_draws(idata, names)
     said = note_of(idata)
-    return _describe(known, before, draws, weights, *moments, logs, fit, "", said)
+    by_draws = before, draws, weights, *moments, logs
+    return _describe(known, *by_draws, fit, moments[0], "", said)
 
 
 def _describe_maximum(maxima: FoundMap) -> Identifiability:
@@ -384,7 +391,7 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
     known = posterior.names, is_error, prior_mean, prior_sd, bounds
     by_draws = before, draws, weights, mean, covariance, logs
     fit = modes, slopes, np.full(len(modes), np.nan), effect
-    return _describe(known, *by_draws, fit, said)
+    return _describe(known, *by_draws, fit, best.theta, said)
 
 
 def _describe(
@@ -396,6 +403,7 @@ def _describe(
     covariance: Floats,
     logs: tuple[Floats, Floats],
     fit: Fit,
+    at: Floats,
     local: str = "",
     note: str = "",
 ) -> Identifiability:
@@ -413,6 +421,7 @@ def _describe(
         covariance: Likewise.
         logs: Mean and standard deviation of the posterior's logarithm.
         fit: Modes, sensitivities, R^2 and effects, by prior standard deviations.
+        at: Where they were derived, ``(d,)``.
         local: As in the result.
         note: Likewise.
     """
@@ -427,6 +436,9 @@ def _describe(
     modes, slopes, r_squared, effect = fit
     slopes, effect = (np.where(is_error, np.nan, x) for x in (slopes, effect))
     moments = np.where(apt & ~is_error, moments, np.nan)
+    # d/d ln(x) is x d/dx.
+    scale = np.where(np.isnan(moments[1]), 1.0, at * moments[1] / known[3])
+    slopes, effect = slopes * scale, effect * scale
     numbers = (
         *known,
         mean,

@@ -21,6 +21,7 @@ from ..evaluation.progress import check_progress, complete, progress_bar
 from ..evaluation.resume import StoredEvaluation, logger, open_evaluator
 from ..evaluation.starts import check_first_solve, draw_starts, time_batch
 from ..evaluation.store import Store, StoredChain
+from ..models.function import DensityModel
 from ..moves.proposing import find_stock_fault, ladder_of
 from ..posterior.log_posterior import LogPosterior
 from ..search.auto import budget_of, search_and_start
@@ -36,6 +37,10 @@ SIZED_BY = 3
 LONG_RUN = 600.0
 # Seconds of a solve below which a batch is solved to know them better.
 BRIEF = 3.0
+# The same where points are solved one by one, of which a batch is one.
+BRIEF_ALONE = 0.1
+MINUTE = 60.0
+HOUR = 3600.0
 
 
 def run(
@@ -156,14 +161,6 @@ def run(
         [(100, 20, 5), (100, 20, 5)]
     """
     # 1. Check what is asked, before any solve.
-    if callable(posterior) and not isinstance(
-        getattr(posterior, "posterior", posterior), LogPosterior
-    ):
-        raise TypeError(
-            f"posterior: expected a LogPosterior, got {type(posterior).__name__}; of a "
-            "bare log-probability make one: LogPosterior.from_function(log_likelihood, "
-            "{name: (low, high)})"
-        )
     checks.instance("posterior", posterior, LogPosterior)
     weighted = None if moves == "auto" else copy_moves(weigh_moves(moves))
     for move, _ in weighted or ():
@@ -198,6 +195,7 @@ def run(
             _warn_if_long(
                 evaluator,
                 seconds,
+                shape,
                 sizes[0] * (2 if weighted is None else 1)
                 if steps
                 else 2 * SETTINGS.sized_for,
@@ -337,21 +335,37 @@ def _make_samplers(
     return samplers, states
 
 
-def _warn_if_long(evaluator: Evaluation, seconds: float, evaluations: int) -> None:
+def _warn_if_long(
+    evaluator: Evaluation,
+    seconds: float,
+    shape: tuple[int, int, int],
+    evaluations: int,
+) -> None:
     """Say before the search how long a run will take, and what makes it shorter."""
-    # A first call may be far slower than those of a batch, as on a worker, which
-    # imports for it.
-    batched = evaluator.pool is not None or not evaluator.posterior.one_by_one
-    if LONG_RUN / evaluations < seconds < BRIEF and batched:
-        seconds = time_batch(evaluator)
-    if not seconds * evaluations > LONG_RUN:  # also where it is not known
+    # A first call may be far slower than later ones: it imports, also on a worker.
+    posterior, half = evaluator.posterior, max(shape[0] // 2, 1)
+    brief = BRIEF
+    if evaluator.pool is not None:
+        half *= shape[1]  # the ensembles take turns on it
+    elif posterior.one_by_one:
+        half, brief = 1, BRIEF_ALONE
+    if LONG_RUN / evaluations < seconds < brief:
+        seconds = time_batch(evaluator, half)
+    total = seconds * evaluations
+    if not total > LONG_RUN:  # also where it is not known
         return
+    long = (
+        f"{total / HOUR:.1f} hours" if total > HOUR else f"{total / MINUTE:.0f} minutes"
+    )
+    remedies = "workers= shares those of a run among processes; solves= sets a limit"
+    if not any(isinstance(e.model, DensityModel) for e in posterior.experiments):
+        remedies = (
+            "run_emulated(posterior, seed=1) needs some hundred solves in all; "
+            f"reduce_model makes large matrices small; {remedies}"
+        )
     warnings.warn(
         f"posterior: a solve takes {seconds:.2g} s, and a run some {evaluations:,}: "
-        f"{seconds * evaluations / 3600:.1f} hours. "
-        "run_emulated(posterior, seed=1) needs some hundred solves in all; workers= "
-        "shares those of a run among processes; reduce_model makes large matrices "
-        "small; solves= sets a limit",
+        f"{long}. {remedies}",
         stacklevel=3,
     )
 
