@@ -26,27 +26,27 @@ from .response_surface import SURFACE_COST, learn_surface
 from .settings import SETTINGS
 from .tails import follow_tails
 
-# Draws of a round of the refinement at least, and by the evaluations of the chain.
+# Fewest draws of a round of the refinement, and their ratio to the evaluations of the
+# chain, which counts if it gives more.
 # (Five stiffnesses, 192,000 evaluations: 960 instead of 300 raise the acceptance from
 # .7 to .83, which is worth 25,000 evaluations, and cost 4,000.)
 ROUND = 300
 ROUND_SHARE = 0.005
-# Proposals that a surface accepts before one is solved, and proposals that it sees at
-# most.
+# Proposals that a surface accepts before one is solved, and the most that it looks at.
 SCREENED = 10
 MOST_SCREENED = 100
 # Members of the populations of all ensembles.
 POPULATION = 1_000
 # Draws from which Hamiltonian moves are tuned.
 TUNING_DRAWS = 24
-# Solves that this takes at most, for which a budget has to be twice as large.
+# Most solves that this takes. Moves are only tuned if the budget is at least twice it.
 TUNING = 14_000
 
 
 def budget_of(evaluations: int) -> int:
     """Return the most that a search may spend before a chain of so many evaluations.
 
-    That is twice as many, and no less than before a short chain.
+    It is twice as many, but never less than a short chain is given.
     """
     return max(SETTINGS.least_budget, 2 * evaluations)
 
@@ -69,17 +69,17 @@ def search_and_start(
     starts from an annealed population, at the power that the budget lets it reach.
 
     Args:
-        evaluator: What evaluates, and stores where there is a file.
+        evaluator: Evaluates the posterior, and stores the rows if there is a file.
         nwalkers: Walkers per ensemble.
         ensembles: How many there are.
-        seed: Of the run.
-        evaluations: Those of the chain.
+        seed: The seed of the run.
+        evaluations: Evaluations that the chain will take.
         budget: Solves that the search may take.
         starts: Points ``(n, d)`` of each ensemble that are searched too.
 
     Returns:
-        What was found, and the evaluated start of each ensemble with its random
-        stream.
+        The record of the search, and the evaluated start of each ensemble with its
+        random stream.
     """
     seeds = np.random.SeedSequence(seed).spawn(ensembles)
     streams = [np.random.default_rng(child.spawn(1)[0]) for child in seeds]
@@ -107,7 +107,7 @@ def _plan(
     evaluations: int,
     budget: int,
 ) -> tuple[Ledger, Sizes]:
-    """Return what is kept for whom, and how many points and draws stages take."""
+    """Return the ledger with its reserves, and the sizes of the stages."""
     posterior, settings = evaluator.posterior, SETTINGS
     batch = max(ROUND, PER_PARAMETER * posterior.ndim, round(ROUND_SHARE * evaluations))
     last = REFINING_ROUNDS // 2 * batch  # draws of the last round
@@ -122,7 +122,7 @@ def _plan(
     }
     ledger = Ledger(evaluator, budget, kept)
     most, usual = settings.most_searched, settings.searched_share * settings.sized_for
-    # Half as many as of a run that ends by itself, at least.
+    # At least half as many as for a run that ends by its verdict.
     points = round(max(usual / 2, settings.searched_share * evaluations))
     points = min(points, most)
     if not (posterior.differentiable or any(term.observed for term in posterior.terms)):
@@ -144,7 +144,7 @@ def bend(campaign: Campaign) -> None:
     judge(c)
     log_c = surface(c.draft.theta)
     accepted = find_acceptance(c.draft.log_p, log_c, c.draft.log_q)
-    # What few draws say of a surface is no reason to leave a fair mixture.
+    # A few draws are no sufficient reason to replace a fair mixture by a surface.
     known = c.draft.reliable or first.acceptance < POOR_ACCEPTANCE
     if known and accepted > max(first.acceptance, POOR_ACCEPTANCE):
         c.surface = surface
@@ -161,7 +161,8 @@ def look_for_gradients(campaign: Campaign) -> None:
 def anneal_starts(campaign: Campaign) -> None:
     """Anneal populations to start from, where the proposal hardly meets the posterior.
 
-    That is where the shapes of the maxima say too little, or none is met at all.
+    This is so where the shapes of the maxima are a poor guide to the posterior, or
+    where no draw of the proposal is possible.
     """
     c, draft = campaign, campaign.draft
     if c.surface or draft.reliable or (c.by_gradients and draft.efficiency):
@@ -305,8 +306,8 @@ def _choose_draws(
 ) -> NDArray[np.intp]:
     """Return which draws an ensemble's walkers start from, by importance weights.
 
-    Its part of them; if none of that is at a maximum that it found, any; and if none
-    is possible at all, those of the others.
+    They are draws of its own part at maxima that it found itself. If there are none,
+    any draw of its part will do; and if none of these is possible, any draw at all.
     """
     possible = np.isfinite(log_weights)
     if not possible.any():
