@@ -17,7 +17,8 @@ def find_density(
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Return the densities at the bounds, and whether draws are pressed against them.
 
-    The densities are relative to the highest one. Both results are ``(d, 2)``. Parts of equal mass are narrowest where density is highest.
+    The densities are relative to the highest one. Both results are ``(d, 2)``. Parts of
+    equal mass are narrowest where the density is highest.
 
     Args:
         bounds: Bounds of the prior, ``(d, 2)``.

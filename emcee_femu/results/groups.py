@@ -312,6 +312,10 @@ def fixed_groups(
             f"initial_{name}": Labelled(value, posterior.variables[name])
             for name, value in posterior.unfold(initial).items()
         }
+        for experiment in posterior.experiments:
+            if (paired := experiment.paired) is not None:
+                number = Labelled(np.array(paired.min_mac), Variable({}))
+                held[experiment.full_name("min_mac")] = number
         return make_dataset(held, attributes)
 
     def observed() -> Dataset | None:

@@ -75,7 +75,8 @@ def to_inference_data(
                                  the prior mean; ``initial_<variable>``, the response
                                  there (one solve, unless the run stored it), NaN if it
                                  cannot be solved; is_error, whether only terms read the
-                                 parameter (noise, discrepancy)
+                                 parameter (noise, discrepancy); ``min_mac``, if the
+                                 model pairs modes
     ============================ ====================================================
 
     Walkers of one ensemble are not independent chains; the coordinate ``ensemble``

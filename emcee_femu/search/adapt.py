@@ -11,7 +11,7 @@ import numpy as np
 
 from ..contracts import Floats
 from ..moves.mixture import Mixture
-from .archive import Archive, Draft
+from .archive import Archive, JudgedProposal
 from .campaign import POOR_ACCEPTANCE, Campaign
 from .climbing import Maximum
 from .maxima import NEGLIGIBLE, WORTH_SOLVES
@@ -43,24 +43,24 @@ CARRYING_ROUNDS = 4
 
 def adapt(campaign: Campaign) -> None:
     """Refine the core of the proposal in rounds of drawing, weighting and fitting."""
-    c, archive, drafts = campaign, campaign.archive, list[Draft]()
+    c, archive, rounds = campaign, campaign.archive, list[JudgedProposal]()
     most, restored = c.evaluator.solves + c.sizes.refined, list[Maximum]()
     for number in range(REFINING_ROUNDS):
         size = c.sizes.batch * max(2, number) // 2  # later rounds have more draws
-        draft = Draft(c.proposal, *c.draw(c.proposal.law, size))
-        archive.add(draft.theta, draft.rows, c.proposal.law)
-        drafts.append(draft)
+        judged = JudgedProposal(c.proposal, *c.draw(c.proposal.law, size))
+        archive.add(judged.theta, judged.rows, c.proposal.law)
+        rounds.append(judged)
         if not len(archive.x):
             break
-        enough = c.evaluator.solves >= most or _is_enough(c, drafts)
+        enough = c.evaluator.solves >= most or _is_enough(c, rounds)
         lost = _find_lost(c, restored) if enough else []
         if enough and not lost:
             break
         if number + 1 < REFINING_ROUNDS:
-            core = _refit(c, draft.acceptance < POOR_ACCEPTANCE)
+            core = _refit(c, judged.acceptance < POOR_ACCEPTANCE)
             if lost:  # as many solves again, if it takes so many
                 core = add_components(core, [_at_maximum(core, top) for top in lost])
-                drafts, restored = [], restored + lost
+                rounds, restored = [], restored + lost
                 most = c.evaluator.solves + c.sizes.refined
             c.proposal = Proposal.fitted(core)
     if np.isnan(c.first_share):
@@ -105,16 +105,16 @@ def carry(campaign: Campaign) -> None:
 def judge(campaign: Campaign) -> None:
     """Judge the proposal by fresh draws of it."""
     c = campaign
-    c.draft = Draft(c.proposal, *c.draw(c.proposal.law, c.sizes.judged))
+    c.best = JudgedProposal(c.proposal, *c.draw(c.proposal.law, c.sizes.judged))
 
 
-def _is_enough(campaign: Campaign, drafts: Sequence[Draft]) -> bool:
+def _is_enough(campaign: Campaign, rounds: Sequence[JudgedProposal]) -> bool:
     """Return whether a proposal is as good as can be.
 
     Or two rounds were without a gain, and it is good already, or so poor that
     polynomials will do better. Between these the chain would pay for what it lacks.
     """
-    shares = [draft.efficiency for draft in drafts]
+    shares = [judged.efficiency for judged in rounds]
     if shares[-1] > GOOD_SHARE:
         return True
     earlier = shares[:-2]  # the first may be good by chance

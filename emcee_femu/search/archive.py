@@ -117,7 +117,7 @@ def _log_density(law: Mixture | None, x: Floats, log_prior: Floats) -> Floats:
     return log_prior if law is None else law.log_density(x)
 
 
-class Draft:
+class JudgedProposal:
     """A proposal, judged by fresh draws of it.
 
     Args:
@@ -163,7 +163,7 @@ class Draft:
         """The acceptance of independence proposals in equilibrium."""
         return find_acceptance(self.log_p, self.log_q, self.log_q)
 
-    def is_better(self, other: "Draft") -> bool:
+    def is_better(self, other: "JudgedProposal") -> bool:
         """Return whether it finds more of the posterior, or fits better."""
         if not (self.efficiency and other.efficiency):  # one never met the posterior
             return self.efficiency > other.efficiency

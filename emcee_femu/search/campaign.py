@@ -13,7 +13,7 @@ from ..evaluation.evaluator import Evaluation
 from ..moves.mixture import Mixture
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre
-from .archive import Archive, Draft
+from .archive import Archive, JudgedProposal
 from .coordinates import Coordinates
 from .ledger import Ledger
 from .maxima import Maxima
@@ -62,7 +62,7 @@ class Campaign:
         maxima: The maxima that were found.
         proposal: The present proposal. The attribute is not set before the
             exploration has ended.
-        draft: The best proposal so far, with the draws that judged it.
+        best: The best proposal so far, with the draws that judged it.
         points: How many points were explored.
         first_share: Effective share of the first refined mixture, before components
             for tails and carriers were added; NaN until then.
@@ -80,7 +80,7 @@ class Campaign:
     archive: Archive = field(init=False)
     maxima: Maxima = field(init=False)
     proposal: Proposal = field(init=False)
-    draft: Draft = field(init=False)
+    best: JudgedProposal = field(init=False)
     points: int = 0
     first_share: float = np.nan
     surface: ResponseSurface | None = None
