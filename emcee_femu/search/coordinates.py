@@ -26,7 +26,7 @@ class Coordinates:
 
     Take the stiffness of a support between 1e3 and 1e9: the response bends within a
     small part of that range, and a Gaussian process with one length scale cannot follow
-    it. And a posterior pressed against a bound ends there abruptly, as no Student t does.
+    it. And a posterior pressed against a bound ends abruptly, which no Student t does.
 
     Attributes:
         prior: The prior.
