@@ -5,11 +5,11 @@ from numpy.typing import NDArray
 
 from ..contracts import Floats
 
-PARTS = 10  # of the samples, equally many in each: the width tells the density
+PARTS = 10  # parts of equally many samples; the width of a part gives its density
 # Density at a bound relative to the highest: 1 for a half-normal, 0.7 for a Gaussian
 # cut at one sd from its mean, 0.3 at two sds. From 1,000 samples it is known to 10 %.
 AT_THE_HIGHEST = 0.75
-PREFERRED = 2.0  # times the density of the prior there, which the data alone explain
+PREFERRED = 2.0  # times the prior's density there, so that it is due to the data
 
 
 def find_density(

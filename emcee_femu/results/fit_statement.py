@@ -30,7 +30,7 @@ from .identifiability import Identifiability, describe_samples
 from .measured import Measured, read_measured
 
 FAR_OUTSIDE = 4.0  # standard deviations of a new measurement, for a single value
-OUTSIDE_BY_CHANCE = 0.05  # of new measurements
+OUTSIDE_BY_CHANCE = 0.05  # share of new measurements outside their 95 % range
 CHANCE = 0.02  # that so many values are outside, had the posterior not seen them
 OUTVOTED = 5  # times as many values in another term that make it outvote this one
 SMALL_MAXIMUM = 0.01  # weight of a maximum whose modes do not matter

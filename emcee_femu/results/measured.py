@@ -216,7 +216,7 @@ class AtTerm(NamedTuple):
         experiment: Its experiment.
         term: The term.
         label: Its name, with that of the experiment.
-        log_likelihood: What it returned.
+        log_likelihood: The log-likelihood that it returned.
         given: Parameters and response.
     """
 

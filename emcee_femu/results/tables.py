@@ -34,7 +34,7 @@ OF_PRIOR = "prior mean", "error %", "sd/prior sd"  # columns
 # Of a Gaussian 8 % of the samples lie within a tenth of an sd of the mean.
 NEAR_MEAN, FEW_NEAR = 0.1, 0.01
 OF_TRUTH = "true", "error %", "error % "
-INTERVAL_WIDTH = 3.92  # of a Gaussian's 95 % interval, in standard deviations
+INTERVAL_WIDTH = 3.92  # width of a Gaussian's 95 % interval, in standard deviations
 LOW_MAC = 0.5  # the limit of pairs in objects that do not hold the one of their model
 
 

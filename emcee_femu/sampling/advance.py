@@ -140,7 +140,7 @@ def sample_steps(
         together: Whether the ensembles take turns.
         states: Where each goes on from.
         steps: Stored steps of each in the end.
-        bar: What shows steps.
+        bar: The progress bar, which counts steps.
     """
     left = [steps - sampler.iteration for sampler in samplers]
     bar.update(steps * len(samplers) - sum(left))

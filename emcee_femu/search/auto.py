@@ -208,7 +208,7 @@ def _draw_start(
     """Return where the walkers of an ensemble start, and their rows.
 
     Args:
-        campaign: What was found.
+        campaign: The campaign after its last stage.
         ensemble: Which one.
         found: Its climbs by maximum.
         nwalkers: How many walkers it has.

@@ -52,9 +52,9 @@ class Campaign:
     """A search under way. A stage is a function of it, and returns nothing.
 
     Attributes:
-        evaluator: What evaluates the posterior.
+        evaluator: Evaluates the posterior.
         streams: A random stream for each ensemble.
-        ledger: What each stage may spend, and has spent.
+        ledger: The solves that each stage may spend, and has spent.
         sizes: How many points and draws the stages take.
         starts: Points ``(n, d)`` of each ensemble that are searched too, or None.
         settings: The numbers that steer the search.

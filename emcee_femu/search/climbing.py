@@ -197,7 +197,7 @@ def climb(
     the step stays where the quadratic was good so far.
 
     Args:
-        evaluator: What evaluates the posterior; all climbs share its batches.
+        evaluator: Evaluates the posterior; all climbs share its batches.
         starts: Where to begin, in the coordinates.
         guess: A covariance ``(d, d)`` of the posterior near the starts, which spares
             solves where no information comes with gradients.

@@ -123,7 +123,7 @@ def independence_acceptance(log_weights: Floats, at_c: Floats) -> Floats:
     finite = np.flatnonzero(np.isfinite(log_weights))
     order = finite[np.argsort(log_weights[finite])]
     log_w, c = log_weights[order], at_c[order]
-    with np.errstate(divide="ignore"):  # of points that are no draws of c
+    with np.errstate(divide="ignore"):  # for points that are no draws of c
         less = np.logaddexp.accumulate(np.log(c) + log_w)
     result = np.zeros(len(log_weights))
     result[order] = np.exp(less - log_w) + np.append(c[:0:-1].cumsum()[::-1], 0.0)
@@ -141,7 +141,7 @@ def find_acceptance(log_p: Floats, log_c: Floats, log_q: Floats) -> float:
     if not np.isfinite(log_p + log_c).any():
         return 0.0
     at_p, at_c = (softmax(x - log_q) for x in (log_p, log_c))
-    with np.errstate(invalid="ignore"):  # of draws where p and c are zero
+    with np.errstate(invalid="ignore"):  # at draws where p and c are zero
         return float(at_p @ independence_acceptance(log_p - log_c, at_c))
 
 

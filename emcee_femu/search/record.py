@@ -60,7 +60,7 @@ class Chains:
         failures: Failed solves by cause.
         solves: Model solves spent; 0 if unknown.
         starts_given: Whether the walkers started where a user said.
-        doubts: What was warned of before the run, of the model or the prior.
+        doubts: Warnings before the run, about the model or the prior.
         stopped: Why the run ended, as in :class:`Run`.
         discard: Stored steps that were left out before these, as burn-in.
         initial: The row at the prior mean, if a file has it; None if unknown.
@@ -109,7 +109,7 @@ class Annealed(Report):
         effective_size: Number of independent draws that would estimate the mean equally
             well, ``(d,)``.
         solves: Model solves spent.
-        failed_solves: Of these, how many failed and were taken for impossible.
+        failed_solves: How many of these failed, and were given a likelihood of zero.
         problems: Why no standard error can be claimed; usually none.
         units: Units of the parameters that have one, by name.
         doubts: Warnings that were given before.
@@ -229,7 +229,7 @@ class SearchRecord(Report):
         from_prior: How many climbs began at draws of the prior, whatever their height.
         followed: By experiment, the number that each mode of the structure at the prior
             mean has at the maxima, ``(g, p)``; 0 where it lost its shape.
-        kurtosis: Of each parameter, by the weighted draws, ``(d,)``; 0 if unknown.
+        kurtosis: Kurtosis of each parameter by weighted draws, ``(d,)``; 0 if unknown.
         spent: Solves by stage of the search, those before it first; empty if unknown.
         kinds: What each component is for: "core", "tail", "carrier" or "defensive";
             empty if unknown.

@@ -130,7 +130,7 @@ def fit_surface(
         prior: The prior.
         theta: Points ``(n, d)``.
         solved: Their log-posteriors, log-priors, deviations and standard deviations.
-        degree: Of the polynomials.
+        degree: Degree of the polynomials.
     """
     possible = np.isfinite(solved).all(axis=1)
     theta, solved = theta[possible], solved[possible]
@@ -175,7 +175,7 @@ def learn_surface(
     """Return a surface that is refined where its own draws are, and what proposes.
 
     Args:
-        evaluator: What evaluates.
+        evaluator: Evaluates the posterior.
         law: A proposal from which draws begin.
         rng: The random stream.
 
