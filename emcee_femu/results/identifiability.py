@@ -26,7 +26,7 @@ from .to_arviz import read_samples
 
 PRIOR_COMPARED = 4_000
 CLEAR = 0.2  # by which the skewness of a prior exceeds that of its logarithm
-PER_COEFFICIENT = 3  # different values of a parameter for each fitted coefficient
+PER_COEFFICIENT = 3  # different samples for each fitted coefficient
 UNINFORMED = 0.9  # sd ratio above which a parameter is as uncertain as before
 SURPRISING = 2.0  # prior sds by which an error may exceed its prior mean
 FOLLOWED = 4.0  # prior sds by which data may move a parameter without a doubt
@@ -34,7 +34,7 @@ TOGETHER = 0.95  # |correlation| above which only a combination is known well
 MANY = 3  # uninformed parameters from which on the known combinations are named
 INFORMED = 0.5  # sd ratio below which a combination is worth naming
 MOST_COMBINATIONS, SMALL_PART = 3, 0.15
-GOOD_FIT = 0.98  # R^2 below which gradients were off by 10 % and more (H structure)
+GOOD_FIT = 0.98  # R^2; below it, gradients were off by 10 % and more (H structure)
 SMALL_EFFECT = 0.1  # effects and percentages are printed to two digits of this
 
 
@@ -50,10 +50,10 @@ class Identifiability(Report):
         bounds: Bounds of the prior, ``(d, 2)``.
         mean: Means of the posterior, ``(d,)``.
         covariance: Covariance matrix of the posterior, ``(d, d)``.
-        at_bound: Density at the lower and the upper bound, by the highest anywhere,
-            ``(d, 2)``, estimated by the tenths of the samples; of the logarithm if a
-            parameter is positive. 0 at an infinite bound, and at a bound of zero, which
-            nature sets.
+        at_bound: Density at the lower and the upper bound, relative to the highest
+            anywhere, ``(d, 2)``, estimated from tenths of the samples; for positive
+            parameters that of the logarithm. 0 at an infinite bound, and at a bound of
+            zero, which nature sets.
         pressed: Whether the posterior is pressed against these bounds, ``(d, 2)``: that
             density is at least 0.75, and twice the prior's. Never an error against its
             lower bound: it may well be as small.
@@ -354,7 +354,9 @@ def describe_samples(idata: InferenceData, fitted: bool = True) -> Identifiabili
     if fitted:
         fit = fit_sensitivities(idata, draws / known[3])
     moments = draws.mean(axis=0), np.atleast_2d(np.cov(draws, rowvar=False))
-    with np.errstate(divide="ignore", invalid="ignore"):  # of what may be negative
+    with np.errstate(
+        divide="ignore", invalid="ignore"
+    ):  # for parameters that may be negative
         logs = np.log(draws).mean(axis=0), np.log(draws).std(axis=0)
     weights, before = np.ones(len(draws)), prior_draws(idata, names)
     said = note_of(idata)
@@ -378,7 +380,7 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
     slopes = stencil.derive(log_eigenvalues)[0] * prior_sd
     effect = np.linalg.norm(stencil.derive(r)[0] / sd[0][:, None], axis=0) * prior_sd
     with np.errstate(divide="ignore", invalid="ignore"):
-        # A Gaussian about a maximum says nothing of what is far from it.
+        # A Gaussian about a maximum says nothing about places far from it.
         logs = np.log(mean), np.sqrt(np.diag(covariance)) / mean
     before = posterior.prior.sample(np.random.default_rng(0), PRIOR_COMPARED)
     which, k = "the maximum", len(maxima.maxima)
@@ -407,25 +409,25 @@ def _describe(
     local: str = "",
     note: str = "",
 ) -> Identifiability:
-    """Return what draws of prior and posterior say.
+    """Return the description of draws of the posterior, compared with the prior.
 
-    Logarithms count where the prior itself is not nearly as symmetrical, and never for
-    errors, which may well be zero.
+    The log scale is used where the prior is clearly more symmetrical on it, but never
+    for errors, which may well be zero.
 
     Args:
         known: The first five attributes of the result.
         before: Draws of the prior.
-        draws: Those of the posterior, ``(n, d)``.
-        weights: Their weights.
-        mean: Of the posterior.
-        covariance: Likewise.
+        draws: Draws of the posterior, ``(n, d)``.
+        weights: Weights of these.
+        mean: Mean of the posterior.
+        covariance: Covariance of the posterior.
         logs: Mean and standard deviation of the posterior's logarithm.
-        fit: Modes, sensitivities, R^2 and effects, by prior standard deviations.
+        fit: Modes, sensitivities, R^2 and effects, per prior standard deviation.
         at: Where they were derived, ``(d,)``.
         local: As in the result.
-        note: Likewise.
+        note: As in the result.
     """
-    _, is_error, _, _, bounds = known
+    names, is_error, prior_mean, prior_sd, bounds = known
     at_bound, pressed = find_density(bounds, before, draws, weights)
     pressed[:, 0] &= ~is_error
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -437,20 +439,26 @@ def _describe(
     slopes, effect = (np.where(is_error, np.nan, x) for x in (slopes, effect))
     moments = np.where(apt & ~is_error, moments, np.nan)
     # d/d ln(x) is x d/dx.
-    scale = np.where(np.isnan(moments[1]), 1.0, at * moments[1] / known[3])
+    scale = np.where(np.isnan(moments[1]), 1.0, at * moments[1] / prior_sd)
     slopes, effect = slopes * scale, effect * scale
-    numbers = (
-        *known,
-        mean,
-        covariance,
-        at_bound,
-        pressed,
-        modes,
-        slopes,
-        r_squared,
-        effect,
+    return Identifiability(
+        names=names,
+        is_error=is_error,
+        prior_mean=prior_mean,
+        prior_sd=prior_sd,
+        bounds=bounds,
+        mean=mean,
+        covariance=covariance,
+        at_bound=at_bound,
+        pressed=pressed,
+        modes=modes,
+        sensitivities=slopes,
+        r_squared=r_squared,
+        effect=effect,
+        logarithms=moments,
+        local=local,
+        note=note,
     )
-    return Identifiability(*numbers, moments, local, note)
 
 
 def _add(text: str, factor: float, name: str, spec: str = ".3g") -> str:
