@@ -40,7 +40,7 @@ from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre
 from ..search.importance import resample
 from ..verdict.statistics import spread_out
-from .fit_modes import find_skipped, find_suspects, judge_modes
+from .fit_modes import find_skipped, find_suspects, judge_modes, judge_pairing
 from .measured import INTERVAL
 
 # Samples that are solved again where a term reads what is not stored, as shapes.
@@ -100,13 +100,18 @@ def judge_data(
         found += _judge_experiment(posterior, experiment, some, few, start)
     looks = sum(np.isfinite(record.p) for record in found)
     found = [_settle(record, looks) for record in found]
+    whole = posterior.unfold(rows[order])
+    parts = [
+        (experiment, experiment.stored(whole), experiment.stored(start[1]))
+        for experiment in posterior.experiments
+    ]
+    for part in parts:
+        found += judge_pairing(*part, found)
     if weights is None:
         found += find_suspects(posterior, theta[rows[:, LOG_POSTERIOR].argmax()], found)
-    whole = posterior.unfold(rows[order])
-    for experiment in posterior.experiments:
-        stored, before = (experiment.stored(all_of) for all_of in (whole, start[1]))
-        found = judge_modes(experiment, stored, before, found)
-        found += find_skipped(experiment, stored, before, found)
+    for part in parts:
+        found = judge_modes(part[0], found)
+        found += find_skipped(*part, found)
     return tuple(found)
 
 

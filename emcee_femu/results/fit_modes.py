@@ -29,35 +29,38 @@ SKIP_BETTER = 9.0  # times smaller squared errors: a third of the errors
 AND = " and "
 
 
-def judge_modes(
-    experiment: Experiment, stored: Batch, before: Batch, found: Sequence[FitRecord]
-) -> list[FitRecord]:
+def judge_modes(experiment: Experiment, found: Sequence[FitRecord]) -> list[FitRecord]:
     """Return the records with measured modes marked that resemble none of the model's.
 
-    Where no shapes are compared those of a :class:`.PairedModel` are, by its limit.
+    Where a sensor is suspected, modes are not: it makes several of them unlike.
     """
     own = [r for r in found if r.experiment == experiment.name]
     others = [r for r in found if r.experiment != experiment.name]
-    shaped = [r for r in own if r.kind == MODE and np.isfinite(r.mac)]
-    if not shaped:
-        return [*others, *own, *_judge_unpaired(experiment, stored, before)]
+    suspect = any(r.status == SUSPECT for r in own)
+    if suspect:
+        own = [
+            replace(r, status=MISFIT) if r.status == RESEMBLES_NONE else r for r in own
+        ]
+    shaped = [r for r in own if r.kind == MODE and r.term and np.isfinite(r.mac)]
     # Parameters that follow a spurious mode make others unlike: the prior mean tells.
     wrong = any(r.status == MISFIT or r.mac < UNLIKE for r in shaped)
     unlike = {id(r) for r in shaped if wrong and r.mac_before < UNLIKE}
-    # Many modes are unlike if the whole test is, or if a sensor is wrong.
-    suspect = any(r.status == SUSPECT for r in own)
+    # Many modes are unlike if the whole test is.
     if suspect or 2 * len(unlike) > max(len(shaped), 2):
         unlike.clear()
     own = [replace(r, status=RESEMBLES_NONE) if id(r) in unlike else r for r in own]
     return [*others, *own]
 
 
-def _judge_unpaired(
-    experiment: Experiment, stored: Batch, before: Batch
+def judge_pairing(
+    experiment: Experiment, stored: Batch, before: Batch, found: Sequence[FitRecord]
 ) -> Iterator[FitRecord]:
-    """Yield measured modes of a :class:`.PairedModel` that are not paired."""
-    paired = experiment.paired
-    if paired is None:
+    """Yield measured modes of a :class:`.PairedModel` that are not paired.
+
+    By its limit, and only where no term compares shapes.
+    """
+    paired, own = experiment.paired, (r for r in found if np.isfinite(r.mac))
+    if paired is None or any(r.experiment == experiment.name for r in own):
         return
     if not paired.by_reference:
         yield FitRecord(
@@ -117,7 +120,11 @@ def find_suspects(
     off = {
         r.experiment
         for r in found
-        if r.status == MISFIT and (r.kind == SENSOR or (r.experiment, r.term) in shaped)
+        if r.status == RESEMBLES_NONE
+        or (
+            r.status == MISFIT
+            and (r.kind == SENSOR or (r.experiment, r.term) in shaped)
+        )
     }
     if not off:
         return

@@ -12,7 +12,7 @@ from ..evaluation.evaluator import Evaluation
 from .archive import Archive
 from .campaign import Campaign
 from .climbing import Maximum, climb
-from .proposal import DEFENCE_WIDTH, TAIL, Component
+from .proposal import TAIL, Component
 
 # Share of the draws beyond the value at which a tail begins.
 TAIL_SHARE = 0.003
@@ -22,12 +22,19 @@ TAIL_WIDTH = 0.8
 TAIL_MATTERS = 1e-3
 # A slab is known by its draws if they hold so many errors of their share: 20 draws.
 WELL_SEEN = 4.5
+# Five draws will do, if Laplace's approximation finds at most twice as much there.
+SEEN = 2.2
+AGREE = 2.0
 # Share of a variance, below which tails leave a standard deviation right to 5 %.
 TAIL_PART = 0.1
+# Width of a component at most, in standard deviations of the posterior.
+WIDEST = 2.0
 # Weight of the components by the share of the variance that Laplace says. (Mass-spring,
 # whose tail is .14 of a variance and .26 to .29 by Laplace: with 1 the draws are .5
 # instead of .6 effective, and runs take 12,200 instead of 11,200 solves.)
 TAIL_WEIGHT = 0.5
+# Draws of each slab, of these alone.
+PER_SLAB = 40
 # Rounds of climbs in the tails.
 TAIL_ROUNDS = 2
 # Solves that each round may spend.
@@ -39,8 +46,7 @@ def follow_tails(campaign: Campaign) -> None:
     c, new = campaign, list[Component]()
     for number in range(TAIL_ROUNDS + 1):
         if new:
-            seen = round(len(new) * WELL_SEEN**2)  # so that each slab is
-            c.extend(new, TAIL, max(c.sizes.batch // 2, seen))
+            c.extend(new, TAIL, max(c.sizes.batch // 2, PER_SLAB * len(new)))
         if number == TAIL_ROUNDS or (number and not new):
             return
         most = min(c.ledger.end("judge"), c.evaluator.solves + TAIL_SOLVES)
@@ -79,7 +85,7 @@ def _follow(
     bounds, sign = evaluator.posterior.prior.bounds, 2 * side - 1
     x, shares, found = archive.x, archive.shares, []
     mean, guess = shares @ x, np.atleast_2d(np.cov(x.T, aweights=shares, ddof=0))
-    sd, widest = np.sqrt(guess[j, j]), DEFENCE_WIDTH * np.sqrt(np.diag(guess))
+    sd, widest = np.sqrt(guess[j, j]), WIDEST * np.sqrt(np.diag(guess))
     order = np.argsort(x[:, j])[::-sign]
     place = x[order[int(np.searchsorted(shares[order].cumsum(), TAIL_SHARE))]]
     value, way = place[j], 0.0 * place
@@ -106,7 +112,8 @@ def _follow(
                 guess = top.covariance
             if way @ before < 0:  # from one arm to another
                 way = 0.0 * way
-            if part > TAIL_MATTERS:
+            agree = seen > SEEN * error and mass < AGREE * seen
+            if part > TAIL_MATTERS and not agree:
                 found.append((part, *_within(top, j, box, way, widest)))
         if not max(part, seen * square) > TAIL_MATTERS:
             break

@@ -31,8 +31,8 @@ def two(x):
 
 
 def long_tail(x):
-    """Return a Gaussian whose first parameter is Student's t of three degrees."""
-    return stats.t(3).logpdf(x[:, 0]) + stats.norm.logpdf(x[:, 1])
+    """Return a Gaussian whose first parameter is Student's t of 2.5 degrees."""
+    return stats.t(2.5).logpdf(x[:, 0]) + stats.norm.logpdf(x[:, 1])
 
 
 def about(centre, d):
