@@ -19,6 +19,7 @@ from .coordinates import Coordinates
 from .curvature import Local, Space
 from .quadratic import (
     LEAST_CURVATURE,
+    clip_curvature,
     find_damping,
     log_integral,
     make_positive,
@@ -27,6 +28,9 @@ from .quadratic import (
 
 # Log-posterior that a step has to gain: it ends 0.045 standard deviations from the top.
 WORTH_A_STEP = 1e-3
+# Prior standard deviations that one step may change a parameter, the widest that a
+# direction is taken for. From far below an inferred error, Newton's step has no limit.
+LONGEST = LEAST_CURVATURE**-0.5
 # Log-posterior that may remain where no step gains: by the noise of a solver, at a kink
 # or a sharp bend.
 NOISE_OF_TOP = 0.1
@@ -137,11 +141,15 @@ class Climb:
             return
         self.way.append(local)
         curvature = make_positive(local.curvature)
-        room = box.T - local.point
+        room = np.clip(box.T - local.point, -LONGEST, LONGEST)
         step, gain = step_within(local.gradient, curvature, *room)
         self.target = None
         if gain < WORTH_A_STEP and not local.fresh:
             return  # to the curvature of this point
+        if gain < WORTH_A_STEP and curvature is not local.curvature:
+            # With the least curvature, a long gentle slope would promise no gain.
+            curvature = clip_curvature(local.curvature)
+            step, gain = step_within(local.gradient, curvature, *room)
         uphill = local.gradient if gain >= WORTH_A_STEP else _leave_saddle(local, box)
         if uphill is None:
             self.ended, self.converged = ARRIVED, True

@@ -150,6 +150,16 @@ def make_positive(curvature: Floats) -> Floats:
     return np.asarray((vectors * np.maximum(np.abs(values), least)) @ vectors.T)
 
 
+def clip_curvature(curvature: Floats) -> Floats:
+    """Return the matrix with its eigenvalues made positive, by no more than rounding.
+
+    Those below zero become as good as zero: the density goes on as its slope does.
+    """
+    values, vectors = np.linalg.eigh(curvature)
+    least = CURVATURE_ROUNDED * max(1.0, values[-1])
+    return np.asarray((vectors * np.maximum(values, least)) @ vectors.T)
+
+
 def step_within(
     gradient: Floats, curvature: Floats, low: Floats, high: Floats
 ) -> tuple[Floats, float]:
