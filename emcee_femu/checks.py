@@ -186,6 +186,11 @@ def instance(argument: str, value: object, kind: type[T]) -> T:
         got = type(value).__name__
         held = isinstance(getattr(value, argument, None), kind)  # as of an emulated one
         cure = f"; it has one: pass its .{argument}" if held else ""
+        if callable(value) and not held and hasattr(kind, "from_function"):
+            cure = (
+                f"; of a bare log-probability make one: {kind.__name__}.from_function("
+                'log_probability, {"a": (low, high), ...})'
+            )
         raise TypeError(f"{argument}: expected a {kind.__name__}, got {got}{cure}")
     return value
 

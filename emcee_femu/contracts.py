@@ -42,7 +42,9 @@ restore    term          ``restore(deviations)``: the measurements ``(n, *shape)
 error_sd   term          ``{name: array}``, the standard deviations of ``observed``
 statement  term          for reports: the likelihood in one sentence
 formula    term          for reports, in HTML: the likelihood as a formula
-symbol     term          for reports, in HTML: the symbol of an inferred error
+discrepancy  term        which of ``names`` is an inferred error: reports name it, and
+                         it is asked whether data fit by a large error only
+symbol     term          for reports, in HTML: the symbol of this error
 state      move          ``state()``: its memory from one step to the next, as JSON
                          types (numbers, strings, lists, mappings). Absent: its
                          proposals depend only on the walkers and the random stream

@@ -105,7 +105,7 @@ class ShapeTerm(Term):
             if delta is None and discrepancy is None and sd is None:
                 if measured.shape_sd is not None:  # that of a missing sensor is unused
                     sd = np.nan_to_num(measured.shape_sd, nan=1.0)
-            self.dofs, self._sensors = measured.dofs, measured.sensor_labels
+            self.dofs, self._sensors = measured.dofs, measured.sensors
             measured = measured.shapes
         shapes = checks.numeric_array("measured", measured)
         self.there = there = ~np.isnan(shapes)

@@ -51,6 +51,7 @@ DECLARED = (
     "reads",
     "observed",
     "error_sd",
+    "discrepancy",
     "statement",
     "formula",
     "symbol",

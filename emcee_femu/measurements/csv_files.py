@@ -80,7 +80,9 @@ def read_csv(path: Path) -> Fields:
         raise ValueError(
             f"{path}, line 1: expected the titles {','.join(CSV_HEADER)},mode 1,.. "
             f"separated by commas, semicolons or tabs, got {','.join(titles)!r}; "
-            "modes are columns, and Measurements.to_csv writes an example"
+            "modes are columns, and Measurements.to_csv writes an example. Read "
+            "a table of another layout by pandas, as the tutorial of the portal frame "
+            "does: Measurements(table['f'], shapes=table[sensors].T, sensors=sensors)"
         )
     fields: Fields = {}
     sensors: dict[str, list[str]] = {field: [] for field in PER_SENSOR}

@@ -123,8 +123,8 @@ class Measurements(Report):
             self.n_sensors, there = len(raw), ~np.isnan(raw)
             raw[~there] = 0.0
         self.dofs, signs = directions.read_dofs(dofs, self.n_sensors)
-        if sensors is None and self._has_labels:
-            sensors = [*map(str, self._labels)]
+        if sensors is None and self.dofs is not None and self.dofs.dtype.kind == "U":
+            sensors = self.dofs.tolist()
         self.sensors = modes.labels(sensors, self.n_sensors)
         if there is not None:
             alike = np.where(modes.compares(raw, self._labels), raw, 0.0)
@@ -153,15 +153,6 @@ class Measurements(Report):
     def _labels(self) -> Sequence[object]:
         """What says of a sensor whether it measures a rotation."""
         return self.sensors if self.dofs is None else self.dofs.tolist()
-
-    @property
-    def _has_labels(self) -> bool:
-        return self.dofs is not None and self.dofs.dtype.kind == "U"
-
-    @property
-    def sensor_labels(self) -> tuple[str, ...]:
-        """The sensors as statements name them, by labels of DOFs where these exist."""
-        return tuple(map(str, self._labels if self._has_labels else self.sensors))
 
     @property
     def compared(self) -> Floats:

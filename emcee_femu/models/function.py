@@ -265,10 +265,10 @@ class DensityModel:
             for point in theta:
                 place = dict(zip(self.names, point.tolist(), strict=True))
                 with placed(place, self.names):
-                    result = self.call(point, *self.args, **self.kwargs)
+                    result = self._call(point)
                     rows.append(_read_density(result))
             return rows
-        results = self.call(theta, *self.args, **self.kwargs)
+        results = self._call(theta)
         rows = [*results] if np.iterable(results) else []
         if len(rows) != len(theta):
             raise SolveError(
@@ -278,6 +278,18 @@ class DensityModel:
                 "point",
             )
         return [_read_density(row) for row in rows]
+
+    def _call(self, theta: Floats) -> Any:
+        """Return what the function does; note on an error what it was given."""
+        try:
+            return self.call(theta, *self.args, **self.kwargs)
+        except (IndexError, TypeError, ValueError) as error:
+            error.add_note(
+                f"{DENSITY}: the function was given an array of shape {theta.shape}, "
+                f"whose {len(self.names)} parameters are the names of the prior, "
+                f"{[*self.names]}"
+            )
+            raise
 
 
 def _read_density(result: Response) -> Arrays:

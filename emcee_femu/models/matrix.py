@@ -129,7 +129,8 @@ class AffineModel:
         Args:
             loads: ``{load case: {DOF: force}}``, DOFs as in ``model.dofs``.
             points: Where displacements are measured, as of :class:`StaticModel`.
-            unit: Their unit.
+            unit: Their unit, a label as for :class:`StaticModel`: ``"m"`` if K is in
+                N/m and the forces are in N.
 
         Returns:
             The :class:`StaticModel`.
@@ -310,8 +311,9 @@ class StaticModel:
         points: The DOFs (0 to N - 1) at which displacements are returned, or ``{label:
             dof}``; None for all. For a sensor that measures several, such as a skew
             one, ``{label: {dof: factor}}``.
-        unit: The unit of the displacements, which follows from those of K and the
-            loads.
+        unit: The unit of the displacements, a label: nothing is converted. It must be
+            the one that follows from K and the loads, and that of the measurements: m
+            for K in N/m and loads in N, mm for K in N/mm and loads in N.
         dofs: Labels of the DOFs, by which loads and points are then given; None for
             numbers. ``FrameModel.static`` gives ``"8:uz"``.
 
@@ -332,6 +334,12 @@ class StaticModel:
         >>> model = StaticModel(np.diag([4.0, 0.0]), {"top": {1: 2.0}}, {"k2": k})
         >>> model({"k2": np.array([1.0, 2.0])})["displacement"].round(6).tolist()
         [[[0.5, 2.5]], [[0.5, 1.5]]]
+
+        In N and m, a spring of 2e6 N/m under 10 kN gives way by 5 mm:
+
+        >>> spring = StaticModel([[0.0]], {"pull": [10e3]}, {"k": [[1.0]]}, unit="m")
+        >>> spring({"k": np.array([2e6])})["displacement"].item()
+        0.005
     """
 
     def __init__(

@@ -28,6 +28,10 @@ def check_prior(prior: Prior) -> None:
             cure = "IndependentPrior(..) makes a prior of it"
         elif callable(prior):
             cure = ORDER
+        elif isinstance(prior, list | tuple | np.ndarray) and len(prior):
+            if np.shape(prior[0]) == (2,):
+                first = ", ".join(map(str, prior[0]))
+                cure = f'bounds need names: IndependentPrior({{"a": ({first}), ...}})'
         raise TypeError(
             "prior: expected names, bounds, logpdf and sample, but "
             f"{type(prior).__name__} has no {min(missing)}; {cure}"

@@ -19,12 +19,14 @@ from ..models.paired import PairedModel
 from .experiments import Experiment
 from .log_posterior import LogPosterior
 
-TURNED, EXCHANGED, GAIN = "turned", "exchanged", "gain"
+TURNED, EXCHANGED, GAIN, DEAD = "turned", "exchanged", "gain", "dead"
 WORDS = {
     TURNED: "sensor {} seems to point the other way",
     EXCHANGED: "sensors {} seem to be exchanged",
     GAIN: "sensor {} seems to read {:.3g} times what it should",
+    DEAD: "sensor {} seems to be dead: it reads next to nothing in all modes",
 }
+DEAD_GAIN = 1e-9  # below which no unit explains what a sensor reads
 FAULTY = 0.05  # prior probability that a test has a wrong sensor
 # What shapes of unit length usually miss at a sensor, by noise and by the model. It
 # counts like so many data: few sensors, or a lucky small misfit, then decide nothing.
@@ -42,8 +44,8 @@ class SuspectSensor:
 
     Attributes:
         experiment: The experiment of a joint posterior; empty for a single one.
-        kind: "turned", "exchanged" or "gain".
-        sensors: Their DOFs if these have labels, else their names; two if exchanged.
+        kind: "turned", "exchanged", "gain" or "dead".
+        sensors: Their names; two if exchanged.
         gain: What the sensor reads divided by what it should; -1 if turned.
         before: Mean MAC of the measured modes as they are.
         after: Mean MAC with this put right.
@@ -185,17 +187,17 @@ def weigh_sensors(
         return []
     close = np.flatnonzero(log_factors > most + np.log(FAULTY))
     turned = [every[i][1] for i in close if every[i][0] == TURNED]
-    labels = paired.measurements.sensor_labels
+    labels = paired.measurements.sensors
     return [
         SuspectSensor(
             experiment,
-            kind,
+            DEAD if kind == GAIN and abs(gain) < DEAD_GAIN else kind,
             tuple(labels[sensor] for sensor in sensors),
-            float(gains[best[1 + i], i]),
+            gain,
             float(before.mean()),
             float(after[i].mean()),
         )
         for i in close[np.argsort(-log_factors[close])]
-        for kind, sensors in [every[i]]
+        for (kind, sensors), gain in [(every[i], float(gains[best[1 + i], i]))]
         if kind != GAIN or sensors not in turned  # that is the gain of -1
     ]

@@ -1,7 +1,6 @@
 """ArviZ before and since version 1: InferenceData, or xarray's DataTree.
 
-The only module that imports ArviZ, which takes seconds: it is imported where it is
-used.
+ArviZ takes seconds to import; :func:`.load_arviz` imports it when it is first needed.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -56,7 +55,7 @@ class Groups(Mapping[str, Dataset]):
 
 
 def is_arviz(source: object) -> bool:
-    """Return whether an object is one of ArviZ, or has groups as these have."""
+    """Return whether an object is an ArviZ object, or has groups like one."""
     return isinstance(source, Groups) or hasattr(source, "groups")
 
 
@@ -67,7 +66,7 @@ def samples_of(source: object) -> object:
 
 
 def judgement_of(source: object) -> Mapping[str, Any]:
-    """Return how samples were judged as a whole by what made them, empty if not."""
+    """Return the judgement of samples as a whole by what made them, empty if none."""
     held: InferenceData = samples_of(source)
     if not is_arviz(held) or "posterior" not in held:
         return {}
@@ -88,7 +87,7 @@ def wrap(datasets: Mapping[str, Dataset]) -> InferenceData:
 def dataset(idata: InferenceData, group: str) -> Dataset:
     """Return a group as an xarray Dataset, for any version of ArviZ.
 
-    Weighted draws are repeated as often as their weights say.
+    Weighted draws are repeated in proportion to their weights.
 
     Raises:
         TypeError: If idata is not what :func:`to_inference_data` returns.
@@ -101,7 +100,7 @@ def dataset(idata: InferenceData, group: str) -> Dataset:
         values = _group(idata, group)
     except KeyError:
         if group == "response" and "constant_data" in idata:
-            return _group(idata, "constant_data")[[]]  # of a bare log-likelihood
+            return _group(idata, "constant_data")[[]]  # for a bare log-likelihood
         raise ValueError(
             f"idata: it has no group {group!r}, for it was made without the posterior, "
             "as by arviz.from_emcee; convert the samplers with "
@@ -110,7 +109,7 @@ def dataset(idata: InferenceData, group: str) -> Dataset:
     if group in SAMPLED and is_weighted(idata):
         weights = _group(idata, "sample_stats")["weight"].values.ravel()
         size = max(FEWEST_RESAMPLED, COPIES * len(weights))
-        # So often that rounding is none.
+        # So many copies that rounding does not matter.
         values = values.isel(draw=resample(weights, size, 0.5))
     return values
 
@@ -141,13 +140,13 @@ def groups(idata: InferenceData) -> dict[str, Dataset]:
 
 
 def note_of(idata: InferenceData) -> str:
-    """Return what is noted of the samples, for a title; empty if nothing is."""
+    """Return the note on the samples, for a title; empty if there is none."""
     attributes = dataset(idata, "posterior").attrs
     return str(attributes.get(NOTE, attributes.get(BEFORE, "")))
 
 
 def in_brackets(note: str) -> str:
-    """Return what follows a title."""
+    """Return a note as it follows a title, empty if there is none."""
     return f" ({note})" if note else ""
 
 

@@ -1,6 +1,6 @@
 """Chains as one record, wherever they are: runs, samplers, backends, files, ArviZ.
 
-And how long they remember: autocorrelation times, which all judgements count here.
+Its autocorrelation times, by which all judgements count, are computed here too.
 """
 
 import json
@@ -25,11 +25,11 @@ from ..sampling.record import Run, burn_in_of, read_backends
 from ..search.record import Chains, SearchRecord
 from .arviz_objects import InferenceData, dataset, is_arviz, samples, samples_of
 
-# Attributes of ArviZ objects: which steps were left out, and what is so without them.
+# Attributes of ArviZ objects that say which steps were left out, and their defaults.
 STEPS_LEFT_OUT = {"discard": 0, "thin": 1}
-# Others, in words.
+# Other attributes, which are texts.
 TOLD = "kind", "moves", "seed", "origin", "stopped"
-# The same as JSON.
+# Other attributes, which are stored as JSON.
 STORED = (
     "acceptance betas doubts failures log_box plain search solves starts_given"
 ).split()
@@ -63,7 +63,7 @@ def read_chains(
         argument: What the user calls the source.
 
     Raises:
-        TypeError: If it is nothing of all this.
+        TypeError: If source is none of these.
         ValueError: If no steps are left.
     """
     if discard is not None:
@@ -102,7 +102,7 @@ def read_chains(
     weighted = list[tuple[Move, float]]()
     if isinstance(samplers[0], emcee.EnsembleSampler):
         function = unwrap(samplers[0].log_prob_fn)
-        function = getattr(function, "posterior", function)  # of what evaluates it
+        function = getattr(function, "posterior", function)  # if it is an evaluator
         if posterior is None and isinstance(function, LogPosterior):
             posterior = function
         names, weighted = _given_names(samplers[0]), moves_of(samplers[0])
@@ -137,7 +137,7 @@ def read_chains(
 
 
 def _given_names(sampler: emcee.EnsembleSampler) -> tuple[str, ...]:
-    """Return the names that emcee was given, none without."""
+    """Return the parameter names that emcee was given, empty if there are none."""
     names: dict[int, str] = {}
     given = sampler.parameter_names if sampler.params_are_named else {}
     for name, places in given.items():

@@ -23,11 +23,14 @@ from ..verdict.diagnosis import (
 from ..verdict.statistics import MaximaWeights
 from ..verdict.verdict import judge_chains
 from .arviz_objects import (
+    SAMPLED,
     InferenceData,
     dataset,
+    groups,
     is_arviz,
     judgement_of,
     samples_of,
+    wrap,
 )
 from .chains import read_chains
 from .fit import read_records
@@ -35,11 +38,11 @@ from .fit_statement import judge_fit
 from .groups import convert
 from .to_arviz import FIT, judge_samples
 
-# Further statements by title, of functions of samples with their response: see
+# Functions that judge samples with their response, by the title of their statement: see
 # CONTRIBUTING.md.
 FURTHER: dict[str, Callable[[InferenceData], Statement]] = {}
 NOT_TO_BE_USED = "refused by full solves: do not use these numbers"
-# Weights are equal within two standard errors, if these are so small.
+# Weights are equal if they differ by less than two standard errors, which are small.
 EQUAL_WITHIN, ERROR_OF_EQUAL = 2.0, 0.02
 
 
@@ -106,10 +109,21 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
     else:
         about, search = judge_without_chains(source, chains)
         nan: Any = np.full((1, len(chains.names)), np.nan)
-        # From tau to scatter, in the order of the attributes.
-        numbers = nan, *3 * [nan[0]], nan[:, :1], (), *4 * [nan[0]]
-        measured = chains.names, len(chains.draws), *numbers, chains.failures
-        diagnosis = Diagnosis(*measured)
+        diagnosis = Diagnosis(
+            names=chains.names,
+            steps=len(chains.draws),
+            tau=nan,
+            steps_per_tau=nan[0],
+            ess_bulk=nan[0],
+            ess_tail=nan[0],
+            acceptance=nan[:, :1],
+            stuck=(),
+            rhat_within=nan[0],
+            rhat_between=nan[0],
+            sd_error=nan[0],
+            scatter=nan[0],
+            failures=chains.failures,
+        )
     if judged.get("refused"):
         told = f"not to be used. {judged['verdict']}"
         about = Statement(REFUSED, NOT_TO_BE_USED, told, about.reasons)
@@ -138,10 +152,10 @@ def judge_search(maxima: MaximaWeights | None, cures: Cures) -> Statement:
         f"that attracts fewer than 1 in {maxima.searched // HITS:,} points{reached} "
         "could have been missed."
     )
-    if count > 1:
+    if maxima.held > 1:
         sentence += (
-            f" The samples form {count} separate clouds, and a mean may lie between "
-            "them: report each with its weight."
+            f" The samples form {maxima.held} separate clouds, and a mean may lie "
+            "between them: report each with its weight."
         )
         i, j = np.triu_indices(count, 1)
         weights, errors = (
@@ -182,7 +196,7 @@ def judge_without_chains(
 def _read(
     source: InferenceData, chains: Chains
 ) -> tuple[InferenceData | None, tuple[FitRecord, ...] | None]:
-    """Return samples with their response, and what they say; None where unknown."""
+    """Return samples with their response, and their records; None where unknown."""
     if not is_arviz(source):
         if chains.posterior is None:
             return None, None
@@ -192,4 +206,11 @@ def _read(
     known = posterior.attrs.get(FIT)
     records = None if known is None else read_records(known)
     left_out = len(posterior["draw"]) - len(chains.draws)
-    return source.isel(draw=slice(left_out, None)) if left_out else source, records
+    if left_out:  # of the samples alone: draws of the prior have no burn-in
+        source = wrap(
+            {
+                name: part.isel(draw=slice(left_out, None)) if name in SAMPLED else part
+                for name, part in groups(source).items()
+            }
+        )
+    return source, records

@@ -16,9 +16,9 @@ from ..verdict.verdict import judge_chains
 from .arviz_objects import judgement_of
 from .chains import read_chains
 
-EVIDENCE_TAU = 20  # of a series, below which neither tau nor its error can be believed
+EVIDENCE_TAU = 20  # least length in tau at which tau and its error can be believed
 ENOUGH_OVERLAP = 0.1
-SCATTER_LEVEL = 0.01  # of ensembles that scatter more than their series allow
+SCATTER_LEVEL = 0.01  # chance that right ensembles scatter more than is allowed
 
 
 @dataclass(frozen=True, eq=False, repr=False)

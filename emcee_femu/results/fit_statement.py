@@ -30,15 +30,17 @@ from .identifiability import Identifiability, describe_samples
 from .measured import Measured, read_measured
 
 FAR_OUTSIDE = 4.0  # standard deviations of a new measurement, for a single value
-OUTSIDE_BY_CHANCE = 0.05  # of new measurements
-CHANCE = 0.02  # of so many values outside, if the posterior had not seen them
-OUTVOTED = 5  # times as many values in another term
-SMALL_MAXIMUM = 0.01  # weight of one whose modes do not matter
+OUTSIDE_BY_CHANCE = 0.05  # share of new measurements outside their 95 % range
+CHANCE = 0.02  # that so many values are outside, had the posterior not seen them
+OUTVOTED = 5  # times as many values in another term that make it outvote this one
+SMALL_MAXIMUM = 0.01  # weight of a maximum whose modes do not matter
 WRONG = 2.0  # times what was measured, or its inverse: more than a model's error
 MOST_NAMED = 3  # terms that are described at length
 NOT_DRAWN = "no term draws new measurements of what the model stores"
 NO_DATA = "no term says what was measured; a bare log-likelihood cannot"
-NOT_KNOWN = "to_inference_data(source, posterior) has the data of a LogPosterior"
+NOT_KNOWN = (
+    "these are samples alone; to_inference_data(sampler, posterior) adds the data"
+)
 DOES_NOT_FIT, NOT_CHECKED = "does not fit", "not checked"
 OFF = MISFIT, RESEMBLES_NONE
 LEAVE_OUT = "Leave it out, and ask whether it is a harmonic of a machine, or noise."
@@ -54,7 +56,7 @@ OLD = (
 
 
 class _Replicates(NamedTuple):
-    """What new measurements say of those that were made.
+    """The measured values, compared with new measurements that the terms draw.
 
     Attributes:
         inside: How many values are inside 95 % of them.
@@ -79,8 +81,8 @@ def judge_fit(
     """Say whether the data are what the updated model makes likely.
 
     Args:
-        idata: The samples with their response, None where nothing is known of it.
-        records: What they say of the data, None where that is not known.
+        idata: The samples with their response, None if the response is unknown.
+        records: The records of the data, None if there are none.
         chains: The chains from which they were read.
     """
     parts = [] if idata is None else read_measured(idata)
@@ -142,8 +144,11 @@ def _compare_replicates(drawn: Sequence[Measured]) -> _Replicates:
         worst = int(np.argmax(z))
         wrong |= bool(ratios.max(initial=0) > np.log(WRONG))
         if z[worst] > FAR_OUTSIDE or (chance < CHANCE and not part.inside.all()):
+            where = part.labels[worst]
+            if where.replace(".", "", 1).isdigit():  # which says nothing alone
+                where = f"{part.dims} {where}"
             far[part.name] = (
-                f"{part.name} of {part.dims} {part.labels[worst]} is farthest out "
+                f"{part.name} ({where}) is farthest out "
                 f"(measured {part.values[worst]:.4g}, updated {part.updated[worst]:.4g}"
                 f"{f' {part.unit}'.rstrip()})"
             )
@@ -164,7 +169,7 @@ def _count(new: _Replicates) -> Iterator[str]:
 
 
 def _name_silent(records: Sequence[FitRecord]) -> list[str]:
-    """Name terms that say nothing of the fit, in one string, with the reasons."""
+    """Name terms that cannot be judged, in one string, with the reasons."""
     silent = [record for record in records if record.status == NOT_JUDGED]
     words = [f"{_full_name(record)} ({record.reason})" for record in silent]
     return [", ".join(words)] if words else []
@@ -177,7 +182,7 @@ def _full_name(record: FitRecord) -> str:
 def _name_misfits(
     records: Sequence[FitRecord], named: Collection[str]
 ) -> Iterator[str]:
-    """Describe the terms, judged by chi^2, in words of the test; not those named."""
+    """Describe the terms that chi^2 shows to be off, except those named already."""
     alike = [r for r in records if r.status == RESEMBLES_NONE]
     suspected = {r.experiment for r in records if r.status == SUSPECT}
     for record in alike:
@@ -193,7 +198,7 @@ def _name_misfits(
             continue
         name = _full_name(whole)
         text = f"{name} is off in some of its data, not in all"
-        if surprising:  # it absorbs the misfit
+        if surprising:  # which absorbs the misfit
             text = f"{name} fits by a large error only"
         elif whole.error:
             text = f"{name} is uneven, whatever its error is"
@@ -216,7 +221,7 @@ def _name_misfits(
 def _name_fits(
     records: Sequence[FitRecord], drawn: Sequence[Measured]
 ) -> Iterator[str]:
-    """Describe the terms that fit, of which no new measurement is drawn."""
+    """Describe the terms that fit, but draw no new measurement."""
     fitting = [r for r in records if r.kind == TERM and r.status == FITS]
     counted = {part.variable for part in drawn}
     for record in [r for r in fitting if r.variable not in counted]:
@@ -242,7 +247,7 @@ def _name_farthest(records: Sequence[FitRecord], suspected: bool) -> str:
     modes = [r for r in records if r.kind == MODE and np.isfinite(r.mac)]
     if not modes:
         return ", ".join(f"{r.kind} {r.label}" for r in best)
-    # Of shapes the mode is named in any case, by its MAC.
+    # For shapes a mode is named in any case, the one with the lowest MAC.
     lowest = min(modes, key=lambda r: r.mac)
     words = f"the shape of {_name_mode(next((r for r in best if r in modes), lowest))}"
     at = [r.label for r in best if r.kind == SENSOR and not suspected]
@@ -295,7 +300,7 @@ def _name_causes(records: Sequence[FitRecord], named: Collection[str]) -> Iterat
 
 
 def _shorten(off: Sequence[FitRecord]) -> str:
-    """Name in a few words what is off."""
+    """Say in a few words which data are off."""
     for record in off:
         if record.status == RESEMBLES_NONE:
             return f"measured mode {record.label} resembles none"
@@ -304,7 +309,7 @@ def _shorten(off: Sequence[FitRecord]) -> str:
 
 
 def _advise(wrong: bool, about: Identifiability) -> str:
-    """Say what mends a misfit of which no cause is seen."""
+    """Suggest a remedy for a misfit whose cause is unknown."""
     if wrong:
         return (
             f"Check units and model: they are off by more than a factor of {WRONG:g}."
@@ -315,7 +320,7 @@ def _advise(wrong: bool, about: Identifiability) -> str:
 
 
 def _find_swaps(chains: Chains) -> Iterator[str]:
-    """Name modes of the structure that change places, by maximum of the posterior."""
+    """Name modes of the structure that change places, at each maximum."""
     if (search := chains.search) is None:
         return
     for experiment, found in search.followed.items():
@@ -336,7 +341,7 @@ def _find_swaps(chains: Chains) -> Iterator[str]:
 def _outvoted(posterior: LogPosterior | None, missed: Collection[str]) -> Iterator[str]:
     """Name terms that do not fit, and those with far more values that outvote them.
 
-    These infer their own error, and so may claim as much as they like.
+    The error of the others is inferred, so it can become as small as their fit allows.
     """
     for experiment in posterior.experiments if posterior else ():
         sizes = {

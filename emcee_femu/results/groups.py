@@ -261,7 +261,7 @@ def _name_blobs(blobs: NDArray[Any]) -> dict[str, Labelled]:
 
 
 def read_rows(chains: Chains, posterior: LogPosterior) -> Floats:
-    """Return what the posterior returned, ``(steps, ensembles, walkers, columns)``."""
+    """Return the rows of the posterior, ``(steps, ensembles, walkers, columns)``."""
     blobs, d = chains.blobs, chains.draws.shape[-1]
     width = posterior.row_size - 1  # emcee takes the first one as log_prob
     if blobs is None or d != posterior.ndim or blobs.shape[3:] != (width,):
@@ -312,6 +312,10 @@ def fixed_groups(
             f"initial_{name}": Labelled(value, posterior.variables[name])
             for name, value in posterior.unfold(initial).items()
         }
+        for experiment in posterior.experiments:
+            if (paired := experiment.paired) is not None:
+                number = Labelled(np.array(paired.min_mac), Variable({}))
+                held[experiment.full_name("min_mac")] = number
         return make_dataset(held, attributes)
 
     def observed() -> Dataset | None:
@@ -326,8 +330,8 @@ def name_apart(
 ) -> dict[str, dict[str, Places]]:
     """Return ``{variable: {dimension: labels}}`` with one meaning per dimension.
 
-    Of dimensions that differ in their labels the longest keeps its name; xarray would
-    fill up the others with NaN.
+    Of dimensions with one name but different labels, the longest keeps the name, since
+    xarray would fill up the others with NaN.
     """
     longest: dict[str, Places] = {}
     for dims in coords.values():

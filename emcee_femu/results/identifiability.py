@@ -26,7 +26,7 @@ from .to_arviz import read_samples
 
 PRIOR_COMPARED = 4_000
 CLEAR = 0.2  # by which the skewness of a prior exceeds that of its logarithm
-PER_COEFFICIENT = 3  # different values of a parameter for each fitted coefficient
+PER_COEFFICIENT = 3  # different samples for each fitted coefficient
 UNINFORMED = 0.9  # sd ratio above which a parameter is as uncertain as before
 SURPRISING = 2.0  # prior sds by which an error may exceed its prior mean
 FOLLOWED = 4.0  # prior sds by which data may move a parameter without a doubt
@@ -34,7 +34,7 @@ TOGETHER = 0.95  # |correlation| above which only a combination is known well
 MANY = 3  # uninformed parameters from which on the known combinations are named
 INFORMED = 0.5  # sd ratio below which a combination is worth naming
 MOST_COMBINATIONS, SMALL_PART = 3, 0.15
-GOOD_FIT = 0.98  # R^2 below which gradients were off by 10 % and more (H structure)
+GOOD_FIT = 0.98  # R^2; below it, gradients were off by 10 % and more (H structure)
 SMALL_EFFECT = 0.1  # effects and percentages are printed to two digits of this
 
 
@@ -50,22 +50,23 @@ class Identifiability(Report):
         bounds: Bounds of the prior, ``(d, 2)``.
         mean: Means of the posterior, ``(d,)``.
         covariance: Covariance matrix of the posterior, ``(d, d)``.
-        at_bound: Density at the lower and the upper bound, by the highest anywhere,
-            ``(d, 2)``, estimated by the tenths of the samples; of the logarithm if a
-            parameter is positive. 0 at an infinite bound, and at a bound of zero, which
-            nature sets.
+        at_bound: Density at the lower and the upper bound, relative to the highest
+            anywhere, ``(d, 2)``, estimated from tenths of the samples; for positive
+            parameters that of the logarithm. 0 at an infinite bound, and at a bound of
+            zero, which nature sets.
         pressed: Whether the posterior is pressed against these bounds, ``(d, 2)``: that
             density is at least 0.75, and twice the prior's. Never an error against its
             lower bound: it may well be as small.
         modes: The label of each row of the sensitivities.
-        sensitivities: d ln(lambda_i) per prior standard deviation of each parameter,
-            at the posterior mean, ``(n_modes, d)``; NaN for a mode without a positive
-            frequency, and for error parameters.
+        sensitivities: d ln(lambda_i) per prior standard deviation of each parameter
+            (of its logarithm where ``logarithms`` are not NaN), at the posterior mean,
+            ``(n_modes, d)``; NaN for a mode without a positive frequency, and for error
+            parameters.
         r_squared: R^2 of the fits behind the sensitivities, ``(n_modes,)``; NaN for a
             mode that no parameter changes.
         effect: Change of all measured quantities, including shapes, in standard errors
-            per prior standard deviation of each parameter, ``(d,)``; NaN if unknown and
-            for error parameters.
+            per prior standard deviation of each parameter, or of its logarithm, as for
+            ``sensitivities``, ``(d,)``; NaN if unknown and for error parameters.
         logarithms: Mean and standard deviation of the logarithm, of the prior and then
             of the posterior, ``(4, d)``. NaN unless the parameter is positive and its
             prior is more symmetrical on the log scale (e.g. lognormal).
@@ -252,6 +253,9 @@ class Identifiability(Report):
         columns: list[Column] = [("parameter", "", labels)]
         columns += [(mode, show(row, SMALL_EFFECT), row) for mode, row in rows]
         title = "Sensitivity of the eigenvalues: % per prior standard deviation"
+        logged = ~np.isnan(self.logarithms[1])
+        if logged.any():
+            title += f" (of the logarithm of {', '.join(np.array(self.names)[logged])})"
         return Table.from_columns(title, columns)
 
     def _parts(self) -> Parts:
@@ -279,8 +283,10 @@ def identifiability(idata: object) -> Identifiability:
     remaining variation is curvature.) Parameters that only likelihood terms read, such
     as a noise level, have no sensitivities. The effect in standard errors includes all
     measured quantities, such as shapes and deflections; it follows from the curvature
-    of the log-likelihood, which is fitted in the same way. Ratios and shifts are
-    computed on the log scale if the prior is more symmetrical there (e.g. lognormal).
+    of the log-likelihood, which is fitted in the same way. Ratios, shifts,
+    sensitivities and effects are those of the logarithm of a parameter whose prior is
+    more symmetrical there (e.g. lognormal): for it, the standard deviation in the
+    formula is that of the logarithm, and the derivative is multiplied by the parameter.
 
     The findings list
 
@@ -348,11 +354,14 @@ def describe_samples(idata: InferenceData, fitted: bool = True) -> Identifiabili
     if fitted:
         fit = fit_sensitivities(idata, draws / known[3])
     moments = draws.mean(axis=0), np.atleast_2d(np.cov(draws, rowvar=False))
-    with np.errstate(divide="ignore", invalid="ignore"):  # of what may be negative
+    with np.errstate(
+        divide="ignore", invalid="ignore"
+    ):  # for parameters that may be negative
         logs = np.log(draws).mean(axis=0), np.log(draws).std(axis=0)
     weights, before = np.ones(len(draws)), prior_draws(idata, names)
     said = note_of(idata)
-    return _describe(known, before, draws, weights, *moments, logs, fit, "", said)
+    by_draws = before, draws, weights, *moments, logs
+    return _describe(known, *by_draws, fit, moments[0], "", said)
 
 
 def _describe_maximum(maxima: FoundMap) -> Identifiability:
@@ -371,7 +380,7 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
     slopes = stencil.derive(log_eigenvalues)[0] * prior_sd
     effect = np.linalg.norm(stencil.derive(r)[0] / sd[0][:, None], axis=0) * prior_sd
     with np.errstate(divide="ignore", invalid="ignore"):
-        # A Gaussian about a maximum says nothing of what is far from it.
+        # A Gaussian about a maximum says nothing about places far from it.
         logs = np.log(mean), np.sqrt(np.diag(covariance)) / mean
     before = posterior.prior.sample(np.random.default_rng(0), PRIOR_COMPARED)
     which, k = "the maximum", len(maxima.maxima)
@@ -384,7 +393,7 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
     known = posterior.names, is_error, prior_mean, prior_sd, bounds
     by_draws = before, draws, weights, mean, covariance, logs
     fit = modes, slopes, np.full(len(modes), np.nan), effect
-    return _describe(known, *by_draws, fit, said)
+    return _describe(known, *by_draws, fit, best.theta, said)
 
 
 def _describe(
@@ -396,27 +405,29 @@ def _describe(
     covariance: Floats,
     logs: tuple[Floats, Floats],
     fit: Fit,
+    at: Floats,
     local: str = "",
     note: str = "",
 ) -> Identifiability:
-    """Return what draws of prior and posterior say.
+    """Return the description of draws of the posterior, compared with the prior.
 
-    Logarithms count where the prior itself is not nearly as symmetrical, and never for
-    errors, which may well be zero.
+    The log scale is used where the prior is clearly more symmetrical on it, but never
+    for errors, which may well be zero.
 
     Args:
         known: The first five attributes of the result.
         before: Draws of the prior.
-        draws: Those of the posterior, ``(n, d)``.
-        weights: Their weights.
-        mean: Of the posterior.
-        covariance: Likewise.
+        draws: Draws of the posterior, ``(n, d)``.
+        weights: Weights of these.
+        mean: Mean of the posterior.
+        covariance: Covariance of the posterior.
         logs: Mean and standard deviation of the posterior's logarithm.
-        fit: Modes, sensitivities, R^2 and effects, by prior standard deviations.
+        fit: Modes, sensitivities, R^2 and effects, per prior standard deviation.
+        at: Where they were derived, ``(d,)``.
         local: As in the result.
-        note: Likewise.
+        note: As in the result.
     """
-    _, is_error, _, _, bounds = known
+    names, is_error, prior_mean, prior_sd, bounds = known
     at_bound, pressed = find_density(bounds, before, draws, weights)
     pressed[:, 0] &= ~is_error
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -427,18 +438,27 @@ def _describe(
     modes, slopes, r_squared, effect = fit
     slopes, effect = (np.where(is_error, np.nan, x) for x in (slopes, effect))
     moments = np.where(apt & ~is_error, moments, np.nan)
-    numbers = (
-        *known,
-        mean,
-        covariance,
-        at_bound,
-        pressed,
-        modes,
-        slopes,
-        r_squared,
-        effect,
+    # d/d ln(x) is x d/dx.
+    scale = np.where(np.isnan(moments[1]), 1.0, at * moments[1] / prior_sd)
+    slopes, effect = slopes * scale, effect * scale
+    return Identifiability(
+        names=names,
+        is_error=is_error,
+        prior_mean=prior_mean,
+        prior_sd=prior_sd,
+        bounds=bounds,
+        mean=mean,
+        covariance=covariance,
+        at_bound=at_bound,
+        pressed=pressed,
+        modes=modes,
+        sensitivities=slopes,
+        r_squared=r_squared,
+        effect=effect,
+        logarithms=moments,
+        local=local,
+        note=note,
     )
-    return Identifiability(*numbers, moments, local, note)
 
 
 def _add(text: str, factor: float, name: str, spec: str = ".3g") -> str:

@@ -72,8 +72,8 @@ class Measured:
     def inside(self) -> NDArray[np.bool_]:
         """Whether each value is inside 95 % of new measurements, ``(m,)``.
 
-        That is between their 2.5 % and 97.5 % quantiles; of the model's own
-        predictions, where no new measurements are drawn.
+        It is inside if it lies between their 2.5 % and 97.5 % quantiles. If no new
+        measurements are drawn, the model's own predictions take their place.
         """
         new = self.predicted if self.replicated is None else self.replicated
         low, high = np.quantile(new, INTERVAL, axis=0)
@@ -216,7 +216,7 @@ class AtTerm(NamedTuple):
         experiment: Its experiment.
         term: The term.
         label: Its name, with that of the experiment.
-        log_likelihood: What it returned.
+        log_likelihood: The log-likelihood that it returned.
         given: Parameters and response.
     """
 

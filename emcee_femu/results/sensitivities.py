@@ -10,7 +10,7 @@ from ..verdict.statistics import spread_out
 from .arviz_objects import InferenceData, dataset
 from .measured import split
 
-FLAT = 1e-9  # sd of ln(lambda) of a mode that no parameter changes, but rounding
+FLAT = 1e-9  # sd of ln(lambda) of a mode that only rounding changes
 ENOUGH_REGRESSED = 10_000  # samples in a fit; 3,000 gave the same gradients as 72,000
 
 # Modes, gradients of ln(lambda) ``(m, d)``, R^2 of their fits, effects ``(d,)``.
@@ -25,9 +25,9 @@ def fit_sensitivities(idata: InferenceData, draws: Floats) -> Fit:
         draws: The same samples in prior standard deviations, ``(n, d)``.
 
     Returns:
-        Names ``(m,)``, gradients ``(m, d)``, R^2 ``(m,)``; and by how many standard
-        errors one prior standard deviation moves all that was measured, ``(d,)``, by
-        the curvature of the log-likelihood, NaN where that is not known.
+        Names ``(m,)``, gradients ``(m, d)``, R^2 ``(m,)``; and the number of standard
+        errors by which one prior standard deviation moves all measured quantities,
+        ``(d,)``. It follows from the curvature of the log-likelihood; NaN if unknown.
     """
     n = len(draws)
     by_variable = {
@@ -49,7 +49,7 @@ def fit_sensitivities(idata: InferenceData, draws: Floats) -> Fit:
 def by_mode(response: Mapping[str, Floats]) -> tuple[tuple[str, ...], Floats]:
     """Return the modes of all experiments, in words, and ln of eigenvalues ``(n, m)``.
 
-    Rigid-body modes have none: not finite.
+    Rigid-body modes have no logarithm: their values are not finite.
     """
     labels: list[str] = []
     columns = [np.empty((len(values), 0)) for values in response.values()][:1]
@@ -66,7 +66,7 @@ def by_mode(response: Mapping[str, Floats]) -> tuple[tuple[str, ...], Floats]:
 def _fit_quadratic(draws: Floats, values: Floats) -> tuple[Floats, Floats, Floats]:
     """Return gradients ``(m, d)`` at the mean of the draws, R^2 and second derivatives.
 
-    The latter are those along each parameter, ``(m, d)``.
+    The second derivatives are those along each parameter, ``(m, d)``.
     """
     n, d = draws.shape
     # Whitened, because the squares of correlated draws are nearly collinear.
@@ -74,7 +74,7 @@ def _fit_quadratic(draws: Floats, values: Floats) -> tuple[Floats, Floats, Float
     white, turn = np.sqrt(n) * U, np.sqrt(n) * Vt / S[:, None]
     i, j = np.triu_indices(d)
     design = np.column_stack([white, white[:, i] * white[:, j], np.ones(n)])
-    with np.errstate(invalid="ignore"):  # of what is not finite comes NaN
+    with np.errstate(invalid="ignore"):  # values that are not finite give NaN
         y = values - values.mean(axis=0)
         coefficients = np.linalg.pinv(design) @ y
         rest = y - design @ coefficients

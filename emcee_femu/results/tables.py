@@ -34,8 +34,8 @@ OF_PRIOR = "prior mean", "error %", "sd/prior sd"  # columns
 # Of a Gaussian 8 % of the samples lie within a tenth of an sd of the mean.
 NEAR_MEAN, FEW_NEAR = 0.1, 0.01
 OF_TRUTH = "true", "error %", "error % "
-INTERVAL_WIDTH = 3.92  # of a Gaussian's 95 % interval, in standard deviations
-LOW_MAC = 0.5  # the default of PairedModel, below which a pair does not mean much
+INTERVAL_WIDTH = 3.92  # width of a Gaussian's 95 % interval, in standard deviations
+LOW_MAC = 0.5  # the limit of pairs in objects that do not hold the one of their model
 
 
 def parameter_table(
@@ -329,10 +329,10 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
 
     There is one row per measured mode: the number of the model mode that was most often
     paired with it, the share of samples with another mode, mean and 5 % quantile of the
-    MAC, the share of samples with a MAC below 0.5, and the share of samples in which a
-    comparison in ascending order (i-th measured with i-th model mode) would choose
-    another mode. Use it to see whether modes change places, and whether pairing was
-    needed.
+    MAC, the share of samples with a MAC below the ``min_mac`` of the model (0.5 by
+    default), and the share of samples in which a comparison in ascending order (i-th
+    measured with i-th model mode) would choose another mode. Use it to see whether
+    modes change places, and whether pairing was needed.
 
     In the last row, the shares are those of samples in which this happens for any mode.
     The mode order is the list of all mode numbers; the title gives the share of samples
@@ -362,12 +362,12 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
         >>> table.column("model's mode")
         ['2', '']
     """
-    idata, _ = read_samples(idata)
-    response = dataset(idata, "response")
-    tests = [name for name in find_pairs(idata) if name]
+    data, _ = read_samples(idata)
+    response = dataset(data, "response")
+    tests = [name for name in find_pairs(data) if name]
     if experiment is None and tests:
-        tables = {name: pairing_table(idata, name) for name in tests}
-        title = f"Pairing with the model's modes{in_brackets(note_of(idata))}"
+        tables = {name: pairing_table(data, name) for name in tests}
+        title = f"Pairing with the model's modes{in_brackets(note_of(data))}"
         return Table.stack(title, tables)
     names = [f"{experiment}.{v}" if experiment else v for v in ("mac", "model_mode")]
     if not set(names) <= set(response.data_vars):
@@ -377,6 +377,10 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
         raise ValueError(f"idata, experiment: there is no {names[0]!r}; {remedy}")
     both = (response[name].transpose("chain", "draw", ...) for name in names)
     mac, model_mode = (values.values for values in both)
+    limit = LOW_MAC
+    if "constant_data" in data:
+        stored = dataset(data, "constant_data")
+        limit = float(stored.get(names[0].removesuffix("mac") + "min_mac", LOW_MAC))
     n, m = mac.shape[0] * mac.shape[1], mac.shape[2]
     mac, numbers = mac.reshape(n, m), model_mode.reshape(n, m).astype(int)
     usual = np.array([np.bincount(column).argmax() for column in numbers.T])
@@ -395,13 +399,13 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
         ("another in %", ".2f", percent(numbers != usual, changed)),
         ("MAC", ".3f", np.append(mac.mean(axis=0), np.nan)),
         ("MAC 5 %", ".3f", np.append(np.quantile(mac, 0.05, axis=0), np.nan)),
-        ("MAC < 0.5 in %", ".2f", percent(mac < LOW_MAC)),
+        (f"MAC < {limit:g} in %", ".2f", percent(mac < limit)),
         ("wrong by index in %", ".2f", percent(numbers != np.arange(1, m + 1))),
     ]
     words = f" of {experiment!r}" if experiment else ""
     title = (
         f"Pairing with the model's modes{words}: their order changed in "
-        f"{100 * changed.mean():.3g} % of {n} samples{in_brackets(note_of(idata))}"
+        f"{100 * changed.mean():.3g} % of {n} samples{in_brackets(note_of(data))}"
     )
     return Table.from_columns(title, columns)
 

@@ -1,4 +1,4 @@
-"""ArviZ objects of runs and other chains, and what all tables read samples by."""
+"""ArviZ objects of runs and other chains; all tables read samples through it."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -26,9 +26,9 @@ from .groups import PRIOR_STORED, convert, fixed_groups, make_dataset, read_rows
 from .measured import gather_measurements
 
 FIT = "fit"  # attribute of the posterior group
-# Samples whose log-posterior is lower than the best one's by d and this have not
-# arrived: of a Gaussian it is lower by d / 2 on average, and by more than this once in
-# a thousand times.
+# Samples whose log-posterior is lower than the best one's by more than d plus this have
+# not arrived: for a Gaussian it is lower by d / 2 on average, and by more than d plus
+# this once in a thousand times.
 LOST = 5.0
 
 
@@ -75,7 +75,8 @@ def to_inference_data(
                                  the prior mean; ``initial_<variable>``, the response
                                  there (one solve, unless the run stored it), NaN if it
                                  cannot be solved; is_error, whether only terms read the
-                                 parameter (noise, discrepancy)
+                                 parameter (noise, discrepancy); ``min_mac``, if the
+                                 model pairs modes
     ============================ ====================================================
 
     Walkers of one ensemble are not independent chains; the coordinate ``ensemble``
@@ -187,7 +188,7 @@ def read_samples(
     it is asked for. If ``judged``, what samples say of the data is stored too, and all
     groups are made.
     """
-    held = getattr(source, "posterior", None)  # of a result beside its samples
+    held = getattr(source, "posterior", None)  # a result may hold it beside its samples
     if posterior is None and isinstance(held, LogPosterior):
         posterior = held
     if not is_arviz(source := samples_of(source)):
@@ -202,7 +203,7 @@ def read_samples(
             return wrap(data), None
         chains = read(thin, blobs=False)
         if chains.posterior is not None and chains.kind == "chain":
-            # Of another posterior the blobs differ: one step of them shows it.
+            # The blobs of another posterior differ: one step of them shows it.
             read_rows(read(thin * len(chains.draws)), chains.posterior)
         return convert(chains, thin, term, partial(read, thin)), chains.posterior
     if (discard or 0, thin, term) != (0, 1, None):
@@ -219,7 +220,7 @@ def read_samples(
 def read_samples_and_model(
     source: object, posterior: LogPosterior | None
 ) -> tuple[InferenceData, LogPosterior]:
-    """Return the ArviZ object of any source of samples, and what was sampled."""
+    """Return the ArviZ object of any source of samples, and the sampled posterior."""
     idata, known = read_samples(source, posterior)
     if known is None:
         raise TypeError(
@@ -240,7 +241,7 @@ def check_sampled(posterior: LogPosterior, names: Sequence[str]) -> None:
 
 
 def store_fit(data: InferenceData, records: Sequence[FitRecord]) -> InferenceData:
-    """Return an ArviZ object that holds what its samples say of the data."""
+    """Return an ArviZ object that holds the records of its data."""
     held = groups(data)
     held["posterior"] = held["posterior"].assign_attrs({FIT: write_records(records)})
     return wrap(held)
@@ -249,11 +250,11 @@ def store_fit(data: InferenceData, records: Sequence[FitRecord]) -> InferenceDat
 def judge_samples(
     chains: Chains, weights: Floats | None = None, solves: int = SOLVED_AGAIN
 ) -> tuple[FitRecord, ...]:
-    """Return what samples say of the data, without those that have not arrived.
+    """Return the records of the data, without samples that have not arrived.
 
     Args:
-        chains: With their blobs.
-        weights: Of the draws, ``(n,)``; None where all are equal.
+        chains: Chains with their blobs.
+        weights: Weights of the draws, ``(n,)``; None if all are equal.
         solves: How many samples may be solved again.
     """
     if (posterior := chains.posterior) is None:

@@ -23,10 +23,11 @@ from ..verdict.diagnosis import NOT_CONVERGED, measure
 from ..verdict.verdict import judge_chains
 from .record import Run, burn_in_of, read_backends
 
-# Steps after which the verdict is asked first if steps= is not given: a little more
-# than the 25 that tau takes.
+# Steps after which the verdict is first asked if steps= is not given: a little more
+# than the 25 autocorrelation times that it takes, at a tau of one step.
 FIRST_LOOK = 30
-# Steps of each further look by those of the last: few looks, and little too much.
+# Ratio of the steps at a look to those at the look before: with it there are few looks,
+# and few steps too many.
 LOOK_FURTHER = 1.15
 
 
@@ -35,21 +36,21 @@ def sample_until(
     states: Sequence[emcee.State],
     ess: float,
     solves: int,
-    each: int,
+    per_step: int,
     progress: bool | str,
     walk: Callable[[Sequence[emcee.State], int, Bar], None],
 ) -> str:
     """Advance all ensembles until the verdict is good, or solves are spent.
 
-    The verdict is asked at steps that depend on nothing, so that a run which is
-    resumed has the same end.
+    The verdict is asked at fixed numbers of steps, so that a resumed run ends at the
+    same step.
 
     Args:
         record: The run.
-        states: Where each ensemble goes on from.
-        ess: Effective samples that a good verdict takes.
-        solves: How many may be spent.
-        each: Evaluations of a stored step of all ensembles.
+        states: The state from which each ensemble goes on.
+        ess: Effective samples that a run needs to end.
+        solves: Most solves that may be spent.
+        per_step: Evaluations that a stored step of all ensembles takes.
         progress: How it is shown.
         walk: :func:`sample_steps` of these samplers.
 
@@ -75,14 +76,14 @@ def sample_until(
                         complete(bar)
                         return STOPPED_BY_VERDICT
                     look = next_look(done + 1)
-                # A proposal of some moves takes several solves, which steps show; a
-                # few of them before many, and half of what is left before the rest.
+                # Some moves take several solves for a proposal, which only steps show.
+                # So a few steps come before many, and half of the rest before all.
                 spent = record.solves - record.evaluations if done else 0
-                room = left // max(each, -(-spent // max(done, 1)))
+                room = left // max(per_step, -(-spent // max(done, 1)))
                 look = min(look, done + room - room // 2, 2 * done + FEWEST_STEPS)
                 if look <= done:
                     return STOPPED_BY_SOLVES
-            walk(states, look, Evaluation.bar)  # which shows nothing
+            walk(states, look, Evaluation.bar)  # a bar that shows nothing
             states = [sampler.get_last_sample() for sampler in samplers]
 
 
@@ -139,7 +140,7 @@ def sample_steps(
         together: Whether the ensembles take turns.
         states: Where each goes on from.
         steps: Stored steps of each in the end.
-        bar: What shows steps.
+        bar: The progress bar, which counts steps.
     """
     left = [steps - sampler.iteration for sampler in samplers]
     bar.update(steps * len(samplers) - sum(left))
@@ -156,7 +157,7 @@ def sample_steps(
 
 
 class Turn(EvaluationPool):
-    """A pool, during whose work others have their turn.
+    """A pool that gives the turn to other ensembles while it works.
 
     Args:
         pool: The pool.
@@ -166,7 +167,7 @@ class Turn(EvaluationPool):
         self.pool, self.lock, self.ended = pool, Lock(), False
 
     def map(self, function: Function, iterable: Iterable[object]) -> list[Any]:
-        """Return what the pool does."""
+        """Return the results of the pool."""
         self.lock.release()
         try:
             return self.pool.map(function, iterable)
@@ -186,11 +187,11 @@ def take_turns(
     """Advance all ensembles in threads, so that they share the pool.
 
     Args:
-        evaluations: What evaluates each of them, on one pool.
+        evaluations: The evaluator of each ensemble; all use one pool.
         advance: Runs one ensemble, of that number, to its end.
 
     Raises:
-        BaseException: What the first that failed raised.
+        BaseException: The error of the first ensemble that failed.
     """
     pool, ensembles = evaluations[0].pool, range(len(evaluations))
     assert pool is not None
@@ -207,7 +208,7 @@ def take_turns(
     try:
         for future in as_completed([threads.submit(work, i) for i in ensembles]):
             future.result()
-    except BaseException:  # also of the keyboard: the others stop where they wait
+    except BaseException:  # an interrupt too: the others stop where they wait
         with turn.lock:
             turn.ended = True
         raise

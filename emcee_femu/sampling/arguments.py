@@ -1,4 +1,4 @@
-"""What a run is given, checked before the first solve."""
+"""Check the arguments of a run before the first solve."""
 
 from collections.abc import Sequence
 from typing import Any, TypeAlias
@@ -16,7 +16,7 @@ Moves: TypeAlias = Move | Sequence[Move] | Sequence[tuple[Move, float]]
 
 
 def weigh_moves(moves: object, argument: str = "moves") -> list[tuple[Move, float]]:
-    """Return moves with weights: of one, of a list of them, or of weighted pairs."""
+    """Return moves with weights, given one move, a list of them, or weighted pairs."""
     listed: list[Any] = list(moves) if isinstance(moves, list | tuple) else [moves]
     pairs = [item for item in listed if isinstance(item, list | tuple)]
     if pairs and (len(pairs) < len(listed) or any(len(pair) != 2 for pair in pairs)):
@@ -46,7 +46,8 @@ def check_walkers(
 ) -> int:
     """Return the walkers per ensemble, by default what is usual for the moves.
 
-    Few serve a run that ends by its verdict, for which it takes many steps of each.
+    A run that ends by its verdict (``few``) needs fewer walkers, because it takes many
+    steps.
     """
     ndim = posterior.ndim
     moves = [DEMCMove()] if weighted is None else [move for move, _ in weighted]

@@ -36,7 +36,7 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
             the search or for the starts.
         failures: The failed solves; None if a failure is an error.
         starts_given: Whether the walkers started from ``starts``.
-        doubts: What was warned of before the search or the starts.
+        doubts: Warnings that were given before the search or the starts.
         stopped: Why it ended: "converged", "solves" or "steps"; empty while it goes on.
     """
 
@@ -58,7 +58,7 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
 
     @cached_property
     def burn_in(self) -> int:
-        """Stored steps that tables and figures leave out; of "auto" there are none.
+        """Stored steps that tables and figures leave out; none after "auto".
 
         ``run[0].get_chain()`` has them all.
         """
@@ -108,7 +108,7 @@ def read_backends(
     blobs: bool = False,
     hot: bool = False,
 ) -> Chains:
-    """Return what is stored in emcee backends, of walkers without names."""
+    """Return the chains that emcee backends hold, without names of parameters."""
     steps = min(backend.iteration for backend in backends) - discard
     if steps < thin:
         raise ValueError(f"discard: no steps are left after {discard} (thin={thin})")

@@ -21,6 +21,7 @@ from ..evaluation.progress import check_progress, complete, progress_bar
 from ..evaluation.resume import StoredEvaluation, logger, open_evaluator
 from ..evaluation.starts import check_first_solve, draw_starts, time_batch
 from ..evaluation.store import Store, StoredChain
+from ..models.function import DensityModel
 from ..moves.proposing import find_stock_fault, ladder_of
 from ..posterior.log_posterior import LogPosterior
 from ..search.auto import budget_of, search_and_start
@@ -30,12 +31,17 @@ from .advance import sample_steps, sample_until
 from .arguments import Moves, check_backends, check_starts, check_walkers, weigh_moves
 from .record import Run
 
-# Part of few solves for whose chain a search is made; the search has half of them.
+# If `solves` is small, the search is sized for a chain of a third of them, and may take
+# half of them.
 SIZED_BY = 3
-# Seconds of a run above which its length is announced.
+# Seconds above which the length of a run is announced.
 LONG_RUN = 600.0
-# Seconds of a solve below which a batch is solved to know them better.
+# If a solve takes fewer seconds than this, a batch is solved to time it better.
 BRIEF = 3.0
+# The same where points are solved one by one, of which a batch is one.
+BRIEF_ALONE = 0.1
+MINUTE = 60.0
+HOUR = 3600.0
 
 
 def run(
@@ -156,14 +162,6 @@ def run(
         [(100, 20, 5), (100, 20, 5)]
     """
     # 1. Check what is asked, before any solve.
-    if callable(posterior) and not isinstance(
-        getattr(posterior, "posterior", posterior), LogPosterior
-    ):
-        raise TypeError(
-            f"posterior: expected a LogPosterior, got {type(posterior).__name__}; of a "
-            "bare log-probability make one: LogPosterior.from_function(log_likelihood, "
-            "{name: (low, high)})"
-        )
     checks.instance("posterior", posterior, LogPosterior)
     weighted = None if moves == "auto" else copy_moves(weigh_moves(moves))
     for move, _ in weighted or ():
@@ -194,10 +192,12 @@ def run(
         search: SearchRecord | None = None
         sizes = _size_search(steps, solves, each)
         if store is None or not store.lengths().get(1):
-            # With a search as much again; without steps= as of a search, by any moves.
+            # A search takes as much again. Without steps=, twice the chain for which a
+            # search is sized is assumed, with any moves.
             _warn_if_long(
                 evaluator,
                 seconds,
+                shape,
                 sizes[0] * (2 if weighted is None else 1)
                 if steps
                 else 2 * SETTINGS.sized_for,
@@ -221,7 +221,7 @@ def run(
             search,
             nwalkers * ensembles if search is None else search.solves,
             evaluator.failures,
-            # "auto" only searches from them too.
+            # "auto" only searches from given starts, it does not begin there.
             points is not None and search is None,
             doubts,
         )
@@ -234,7 +234,7 @@ def run(
         stopped = _sample(record, states, steps, (ess, solves, each), progress, walk)
         if store is not None:
             store["stopped"] = stopped
-            # With the steps that it belongs to, for a run may go on.
+            # The burn-in is stored with its number of steps, since a run may go on.
             store["burn-in"] = [[samplers[0].iteration, record.burn_in]]
     return replace(record, stopped=stopped)
 
@@ -253,24 +253,24 @@ def _sample(
 
     Args:
         record: The run.
-        states: Where each ensemble goes on from.
-        steps: Stored steps in the end; None to ask the verdict.
+        states: The state from which each ensemble goes on.
+        steps: Stored steps in the end; None to end by the verdict.
         until: Effective samples, solves, and evaluations of a step for the verdict.
         progress: How it is shown.
-        walk: What advances the samplers.
+        walk: The function that advances the samplers.
     """
     try:
         if steps is None:
             return sample_until(record, states, *until, progress, walk)
         walk(states, steps, progress_bar(progress, steps * len(record), "sampling"))
-    except BaseException as error:  # also of the keyboard: nothing is lost
+    except BaseException as error:  # an interrupt too: nothing is lost
         error.run = record  # type: ignore[attr-defined]
         raise
     return STOPPED_BY_STEPS
 
 
 def _find_doubted(store: Store | None, weighted: Weighted) -> Weighted | None:
-    """Return moves by which what they remember is checked; None if there is no need."""
+    """Return the moves whose memory has to be checked; None if there is no need."""
     return weighted if store is not None and any(foreign_moves(weighted)) else None
 
 
@@ -280,7 +280,7 @@ def _identify(
     shape: tuple[int, int, int],
     thin_by: int,
 ) -> dict[str, object]:
-    """Return what makes a run the same one, by which its file is known."""
+    """Return the arguments by which a file is known to belong to the same run."""
     listed = [(f"{weight:g} x", move) for move, weight in weighted or ()]
     betas = ladder_of([move for _, move in listed])
     nwalkers, ensembles, seed = shape
@@ -296,7 +296,7 @@ def _identify(
 
 
 def _size_search(steps: int | None, solves: int, each: int) -> tuple[int, int]:
-    """Return for how many evaluations of the chain a search is made, and its budget."""
+    """Return the evaluations of the chain that size the search, and its budget."""
     if steps is None:
         evaluations = min(SETTINGS.sized_for, solves // SIZED_BY)
         return evaluations, min(budget_of(evaluations), solves // 2)
@@ -311,21 +311,21 @@ def _make_samplers(
     steps: int | None,
     search: SearchRecord | None,
 ) -> tuple[list[Sampler], list[emcee.State]]:
-    """Return a sampler of each ensemble, and where it goes on from.
+    """Return the sampler of each ensemble, and the state from which it goes on.
 
     Args:
-        evaluator: What evaluates, and has the file where there is one.
+        evaluator: Evaluates the posterior, and has the file if there is one.
         own: The moves of each ensemble.
-        states: Where each starts, if a file does not say.
-        backends: Where each stores its steps, if not in a file.
+        states: The start of each, if a file does not hold it.
+        backends: The backend of each, if there is no file.
         steps: Stored steps in the end, None if not known.
-        search: What "auto" found, which a file keeps after the starts.
+        search: The record of "auto", which a file keeps after the starts.
     """
     parts = [evaluator.part() for _ in own]
     if isinstance(evaluator, StoredEvaluation):
         store = evaluator.store
         chains = _open_chains(store, evaluator, parts, own, states, steps)
-        if search is not None:  # after the starts, which it promises
+        if search is not None:  # after the starts, since it promises these
             store["search"] = search.to_json()
         states, backends = [one.get_last_sample() for one in chains], chains
     evaluator.solves += search.followed_in if search is not None else 0
@@ -337,21 +337,38 @@ def _make_samplers(
     return samplers, states
 
 
-def _warn_if_long(evaluator: Evaluation, seconds: float, evaluations: int) -> None:
-    """Say before the search how long a run will take, and what makes it shorter."""
-    # A first call may be far slower than those of a batch, as on a worker, which
-    # imports for it.
-    batched = evaluator.pool is not None or not evaluator.posterior.one_by_one
-    if LONG_RUN / evaluations < seconds < BRIEF and batched:
-        seconds = time_batch(evaluator)
-    if not seconds * evaluations > LONG_RUN:  # also where it is not known
+def _warn_if_long(
+    evaluator: Evaluation,
+    seconds: float,
+    shape: tuple[int, int, int],
+    evaluations: int,
+) -> None:
+    """Warn before the search of a long run, and say how to make it shorter."""
+    # A first call may be far slower than later ones: a worker, for example, has to
+    # import the model first.
+    posterior, half = evaluator.posterior, max(shape[0] // 2, 1)
+    brief = BRIEF
+    if evaluator.pool is not None:
+        half *= shape[1]  # the ensembles take turns on it
+    elif posterior.one_by_one:
+        half, brief = 1, BRIEF_ALONE
+    if LONG_RUN / evaluations < seconds < brief:
+        seconds = time_batch(evaluator, half)
+    total = seconds * evaluations
+    if not total > LONG_RUN:  # NaN too, if it is unknown
         return
+    long = (
+        f"{total / HOUR:.1f} hours" if total > HOUR else f"{total / MINUTE:.0f} minutes"
+    )
+    remedies = "workers= shares those of a run among processes; solves= sets a limit"
+    if not any(isinstance(e.model, DensityModel) for e in posterior.experiments):
+        remedies = (
+            "run_emulated(posterior, seed=1) needs some hundred solves in all; "
+            f"reduce_model makes large matrices small; {remedies}"
+        )
     warnings.warn(
         f"posterior: a solve takes {seconds:.2g} s, and a run some {evaluations:,}: "
-        f"{seconds * evaluations / 3600:.1f} hours. "
-        "run_emulated(posterior, seed=1) needs some hundred solves in all; workers= "
-        "shares those of a run among processes; reduce_model makes large matrices "
-        "small; solves= sets a limit",
+        f"{long}. {remedies}",
         stacklevel=3,
     )
 
@@ -365,14 +382,14 @@ def _search(
     points: Floats | None,
     progress: bool | str,
 ) -> tuple[SearchRecord, list[emcee.State]]:
-    """Return what "auto" finds and starts from, or what a file says that it found.
+    """Return the record of "auto" and its starts; no starts if a file has the record.
 
     Args:
-        evaluator: What evaluates.
+        evaluator: Evaluates the posterior.
         store: The file, if there is one.
         shape: Walkers, ensembles and the seed.
-        evaluations: Those of the chains, of which the search has a share.
-        most: Solves that it may take.
+        evaluations: Evaluations of the chains, by which the search is sized.
+        most: Solves that the search may take.
         points: Starts that the user gave, ``(ensembles, nwalkers, d)``.
         progress: How it is shown.
     """
@@ -402,7 +419,7 @@ def _open_chains(
     states: Sequence[emcee.State],
     steps: int | None,
 ) -> list[StoredChain]:
-    """Return the chains of a file, with the starts of those that it does not hold."""
+    """Return the chains of a file; those that it does not hold get their starts."""
     lengths, chains = store.lengths(), []
     for ensemble, (part, moves) in enumerate(zip(parts, own, strict=True)):
         start = None if ensemble + 1 in lengths else states[ensemble]
@@ -414,6 +431,6 @@ def _open_chains(
             f"steps: expected at least the {longest} steps that {store.path} holds "
             f"already, got {steps}"
         )
-    # What was evaluated of a step that was not stored is evaluated again.
+    # Evaluations of a step that was not stored are repeated, so they do not count.
     solver.restore(store.spent())
     return chains

@@ -11,19 +11,19 @@ import numpy as np
 
 from ..contracts import Floats
 from ..moves.mixture import Mixture
-from .archive import Archive, Draft
+from .archive import Archive, JudgedProposal
 from .campaign import POOR_ACCEPTANCE, Campaign
 from .climbing import Maximum
 from .maxima import NEGLIGIBLE, WORTH_SOLVES
 from .proposal import CARRIER, Component, Proposal, add_components
 
-# Rounds of a refinement at most.
+# Most rounds of a refinement.
 REFINING_ROUNDS = 12
 # Effective share of a round's draws that ends the refinement.
 GOOD_SHARE = 0.9
-# Effective share from which a few per cent more are not worth another round.
+# Above this effective share, a few per cent more are not worth another round.
 HIGH_SHARE = 0.8
-# Gain of the effective share, as a ratio, that two rounds without end the refinement.
+# The refinement ends if two rounds do not raise the effective share by this factor.
 GAIN_OF_ROUND = 1.05
 # Weight of a new component.
 NEW_WEIGHT = 0.2
@@ -31,36 +31,36 @@ NEW_WEIGHT = 0.2
 # this. (Those of a Gaussian hold .06 of the variance of 1,500 draws.)
 TERMS = 10
 HELD_BY_TERMS = 0.08
-# Weight of a component for draws that carry a variance, before it is made heavy.
+# Weight of a component for draws that carry a variance, before it is increased.
 CARRIER_WEIGHT = 0.02
-# ln(p / q) above which such a draw counts: more than a good proposal leaves.
+# ln(p / q) above which such a draw counts: a good proposal leaves less.
 CARRIER_LACK = 0.3
-# Ridge of the nearest component in the matrix of that for carriers.
+# Share of the nearest component's matrix that is added to that of a carrier.
 CARRIER_RIDGE = 0.3
-# Rounds of these.
+# Most rounds of adding carriers.
 CARRYING_ROUNDS = 4
 
 
 def adapt(campaign: Campaign) -> None:
     """Refine the core of the proposal in rounds of drawing, weighting and fitting."""
-    c, archive, drafts = campaign, campaign.archive, list[Draft]()
+    c, archive, rounds = campaign, campaign.archive, list[JudgedProposal]()
     most, restored = c.evaluator.solves + c.sizes.refined, list[Maximum]()
     for number in range(REFINING_ROUNDS):
         size = c.sizes.batch * max(2, number) // 2  # later rounds have more draws
-        draft = Draft(c.proposal, *c.draw(c.proposal.law, size))
-        archive.add(draft.theta, draft.rows, c.proposal.law)
-        drafts.append(draft)
+        judged = JudgedProposal(c.proposal, *c.draw(c.proposal.law, size))
+        archive.add(judged.theta, judged.rows, c.proposal.law)
+        rounds.append(judged)
         if not len(archive.x):
             break
-        enough = c.evaluator.solves >= most or _is_enough(c, drafts)
+        enough = c.evaluator.solves >= most or _is_enough(c, rounds)
         lost = _find_lost(c, restored) if enough else []
         if enough and not lost:
             break
         if number + 1 < REFINING_ROUNDS:
-            core = _refit(c, draft.acceptance < POOR_ACCEPTANCE)
-            if lost:  # as many solves again, if it takes so many
+            core = _refit(c, judged.acceptance < POOR_ACCEPTANCE)
+            if lost:  # and grant as many solves again
                 core = add_components(core, [_at_maximum(core, top) for top in lost])
-                drafts, restored = [], restored + lost
+                rounds, restored = [], restored + lost
                 most = c.evaluator.solves + c.sizes.refined
             c.proposal = Proposal.fitted(core)
     if np.isnan(c.first_share):
@@ -98,23 +98,24 @@ def carry(campaign: Campaign) -> None:
         carriers = [Component(weight, *place) for place in places]
         if not carriers:
             break
-        # They are of the new components alone, which are little of a mixture.
+        # The draws come from the new components alone, whose weight is small.
         c.extend(carriers, CARRIER, c.sizes.batch // 3)
 
 
 def judge(campaign: Campaign) -> None:
-    """Judge the proposal by fresh draws of it."""
+    """Judge the proposal by fresh draws from it."""
     c = campaign
-    c.draft = Draft(c.proposal, *c.draw(c.proposal.law, c.sizes.judged))
+    c.best = JudgedProposal(c.proposal, *c.draw(c.proposal.law, c.sizes.judged))
 
 
-def _is_enough(campaign: Campaign, drafts: Sequence[Draft]) -> bool:
-    """Return whether a proposal is as good as can be.
+def _is_enough(campaign: Campaign, rounds: Sequence[JudgedProposal]) -> bool:
+    """Return whether the refinement should end.
 
-    Or two rounds were without a gain, and it is good already, or so poor that
-    polynomials will do better. Between these the chain would pay for what it lacks.
+    It ends if the proposal is very good; or if two rounds brought no gain, and it is
+    good already or so poor that polynomials will do better. In between, the chain
+    would pay for stopping early.
     """
-    shares = [draft.efficiency for draft in drafts]
+    shares = [judged.efficiency for judged in rounds]
     if shares[-1] > GOOD_SHARE:
         return True
     earlier = shares[:-2]  # the first may be good by chance
@@ -131,7 +132,7 @@ def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]
     lack = archive.log_ratio(law)
     for terms in archive.influence.T:
         held = np.partition(terms, -TERMS)[-TERMS:].sum()
-        if held <= HELD_BY_TERMS * terms.sum():  # of one draw with all mass, both 0
+        if held <= HELD_BY_TERMS * terms.sum():  # both are 0 if one draw has all mass
             continue
         part = np.where(lack > CARRIER_LACK, terms, 0.0)
         if not part.sum() > 0:
@@ -148,15 +149,15 @@ def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]
 def _refit(campaign: Campaign, poor: bool) -> Mixture:
     """Return the old mixture or a fit to the weighted draws, by Akaike's criterion.
 
-    In each of the coordinates there are two fits, one with a component more, at the
-    draw that costs the other one most. The tails are those of the largest effective
-    share. A poor mixture is not kept: few draws weigh, none of which could pay for a
-    component by the criterion.
+    There are two fits in each of the coordinates. The second one has one component
+    more, at the draw that the first fits worst. The degrees of freedom are those of the
+    largest effective share. A poor mixture is never kept: only few of its draws have
+    weight, and they cannot justify a component by the criterion.
     """
     archive, dfs = campaign.archive, campaign.settings.dfs
     core = campaign.proposal.core
-    # Truncated, so that one draw where the mixture lacks mass does not outweigh all
-    # others (Ionides 2008, doi:10.1198/106186008X320456).
+    # Weights are truncated, so that one draw where the mixture lacks mass does not
+    # outweigh all others (Ionides 2008, doi:10.1198/106186008X320456).
     shares = np.minimum(archive.shares, len(archive.x) ** -0.5)
     use = shares > np.finfo(float).eps * shares.max()
     x, shares = archive.x[use], shares[use] / shares[use].sum()
@@ -184,8 +185,8 @@ def _refit(campaign: Campaign, poor: bool) -> Mixture:
     # In many dimensions a fit looks better by its own draws than it is.
     if chosen.means is core.means and share(best) > HIGH_SHARE:
         return best
-    # EM on weights that stress the largest brings the mixture nearer to its largest
-    # effective share, which these spoil most.
+    # The largest weights lower the effective share most. EM on weights that stress them
+    # brings the mixture closer to its largest effective share.
     excess = archive.log_p[use] - chosen.log_density(x)
     stressed = shares * np.exp(0.5 * (excess - excess.max()))
     again, _ = chosen.improve(x, stressed / stressed.sum(), 10)
@@ -195,8 +196,8 @@ def _refit(campaign: Campaign, poor: bool) -> Mixture:
 def _component_at(place: int, x: Floats, shares: Floats, fitted: Mixture) -> Component:
     """Return a new component of a mixture, about one of the weighted draws.
 
-    Its matrix is that of the draws nearest to it, which hold as much as its weight, and
-    of the nearest component, as if one draw had said so.
+    Its matrix is the covariance of the nearest draws, which hold as much as its weight,
+    and that of the nearest component, which counts like one draw.
     """
     seen, d = fitted.coordinates(x), x.shape[1]
     centred = seen - seen[place]
@@ -205,7 +206,7 @@ def _component_at(place: int, x: Floats, shares: Floats, fitted: Mixture) -> Com
     order = np.argsort(distances)
     enough = int(np.searchsorted(np.cumsum(shares[order]), NEW_WEIGHT))
     some = order[: max(enough, 3 * d)]
-    # Half by their weights, of which one may be all.
+    # Half of it follows their weights, the rest is equal: one weight may be nearly all.
     part = 0.5 * shares[some] / shares[some].sum() + 0.5 / len(some)
     matrix = (part * centred[some].T) @ centred[some]
     matrix += fitted.matrices[nearest] / len(some)

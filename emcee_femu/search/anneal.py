@@ -37,14 +37,14 @@ from .coordinates import Coordinates
 from .importance import GOOD_K, are_reliable, bridge, kish_share, pareto_k, resample
 from .record import Annealed
 
-# Draws of the prior at most, by the size, for a population of finite likelihood.
+# Most draws of the prior, relative to the size, for a population of finite likelihood.
 MOST_FINITE_DRAWS = 20
-# The last powers, whose proposals tell what is missing; those of early ones may fit
-# badly.
+# Number of last powers whose proposals tell what is missing. Those at earlier powers
+# may fit badly.
 LAST_POWERS = 2
-# Share of the members that has to be independent of their ancestors.
+# Share of the members that have to become independent of their ancestors.
 RENEWED = 0.8
-# Sweeps at one power at most.
+# Most sweeps at one power.
 MOST_SWEEPS = 30
 # Standard errors by which two estimates of the evidence may differ.
 AGREED = 2.5
@@ -174,17 +174,17 @@ def anneal_population(
     """Return the population at the power 1, in coordinates; see :func:`anneal`.
 
     Args:
-        evaluator: Of parameters.
-        coordinates: In which the population moves, and its prior.
-        rng: The same stream gives the same population.
+        evaluator: Evaluates the posterior.
+        coordinates: The coordinates in which the population moves, with their prior.
+        rng: Random stream; the same stream gives the same population.
         size: Members, at least ``fewest_members(d)``.
-        thorough: Whether sweeps end by the slowest quarter of the members, as an
-            evidence needs it; a search for starts does not.
-        most: Solves that may be spent, members of the prior too; it may end at a lower
-            power then.
-        begin: Another posterior of the same prior, and members of it, ``(size, d)``, to
-            begin with in place of the prior: the powers are those of the ratio of the
-            two.
+        thorough: Whether sweeps go on until the slowest quarter of the members has been
+            renewed. An evidence needs that, a search for starts does not.
+        most: Solves that may be spent, including those for the draws of the prior. If
+            they are spent, the population may end at a lower power.
+        begin: Another posterior with the same prior, and its members, ``(size, d)``, to
+            begin with instead of draws of the prior. The powers are then those of the
+            ratio of the two posteriors.
 
     Raises:
         ValueError: If too few draws of the prior have a finite likelihood.
@@ -195,8 +195,8 @@ def anneal_population(
     evaluate = alone = partial(coordinates.rows, evaluator)
     if begin is None:
         theta, rows, share, draws = _draw(evaluate, coordinates, rng, size)
-        # In a search, or of an emulator, there was a look before. Where draws are
-        # impossible the likelihood does vary.
+        # In a search, or with an emulator, the prior was looked at before. If some
+        # draws are impossible, the likelihood does vary.
         look = thorough and share == 1
         for doubt in doubt_reach(evaluator.posterior, rows) if look else ():
             warnings.warn(doubt, stacklevel=3)
@@ -215,7 +215,7 @@ def anneal_population(
         theta, rows = theta[kept], rows[kept]
         first, second = (theta[half] for half in halves)
         fits = [_fit(second, first, fits[0]), _fit(first, second, fits[1])]
-        here = alone if power == 1 else evaluate  # where no other law counts
+        here = alone if power == 1 else evaluate  # the other posterior no longer counts
         sweeps = int(min(MOST_SWEEPS, left / size))
         history.append(
             _renew(here, theta, rows, halves, power, random, fits, thorough, sweeps)
@@ -272,12 +272,12 @@ class _Lineages:
         self._influence = np.zeros(size)
 
     def go_on(self, kept: NDArray[np.intp], low: Floats, high: Floats) -> None:
-        """Take the members that are kept, and the bridge from one power to the next.
+        """Record which members are kept, and the bridge from one power to the next.
 
         Args:
             kept: The members of the last power from which those of this one begin.
             low: ln of the ratio of the densities of both powers at the last members.
-            high: The same at those of this power.
+            high: The same at the members of this power.
         """
         ratio, parents = bridge(high, low), self.ancestors
         self.ancestors = parents[kept]
@@ -286,11 +286,11 @@ class _Lineages:
         np.add.at(self._influence, self.ancestors, ratio.from_f / len(high))
 
     def error(self, variance: float) -> float:
-        """Return the standard error of the evidence, with another variance."""
+        """Return the standard error of the log evidence, with a variance added."""
         return float(np.sqrt((self._influence**2).sum() + variance))
 
     def effective_size(self, theta: Floats) -> Floats:
-        """Return the variance of each parameter by that of its mean, ``(d,)``."""
+        """Return each parameter's variance relative to that of its mean, ``(d,)``."""
         n = len(theta)
         centred = theta - theta.mean(axis=0)
         sums = np.zeros((n, theta.shape[1]))
@@ -305,7 +305,7 @@ def fewest_members(ndim: int) -> int:
 
 
 def _find_problems(tried: list[Floats], value: float, error: float) -> tuple[str, ...]:
-    """Return what the weights of independence proposals at the last powers forbid.
+    """Say why no standard error can be claimed, by weights of independence proposals.
 
     A region that the population missed is in none of the fits to it, and the few
     proposals that come upon it have weights far above all others.
@@ -356,15 +356,19 @@ def _draw(
     )
 
 
-def _next_power(log_likelihood: Floats, last: float) -> tuple[float, float]:
+def _next_power(values: Floats, last: float) -> tuple[float, float]:
     """Return the next power, whose weights have a coefficient of variation of 1.
 
-    And the step to it.
+    The second number is the step to it.
+
+    Args:
+        values: Log-likelihoods of the members.
+        last: The power that was reached.
 
     Raises:
         RuntimeError: If no power above the last one can be told from it.
     """
-    centred, step = log_likelihood - log_likelihood.max(), 1 - last
+    centred, step = values - values.max(), 1 - last
 
     def excess(step: float) -> float:
         weights = np.exp(step * centred)
@@ -374,7 +378,7 @@ def _next_power(log_likelihood: Floats, last: float) -> tuple[float, float]:
         step = float(brentq(excess, 0.0, step, xtol=1e-300, maxiter=10_000))
     if last + step == last:
         raise RuntimeError(
-            f"posterior: the likelihood still varies by {np.ptp(log_likelihood):g} at "
+            f"posterior: the likelihood still varies by {np.ptp(values):g} at "
             f"its power {last:g}, and no larger one can be reached; is it a function "
             "of the parameters alone?"
         )
@@ -384,7 +388,7 @@ def _next_power(log_likelihood: Floats, last: float) -> tuple[float, float]:
 def _select(
     weights: Floats, halves: Sequence[NDArray[np.intp]], rng: np.random.Generator
 ) -> NDArray[np.intp]:
-    """Return members as often as their weights say, each half by itself."""
+    """Resample the members by their weights, each half within itself."""
     kept = [half[resample(weights[half], len(half), rng.random())] for half in halves]
     return np.concatenate(kept)
 
@@ -427,9 +431,9 @@ def _renew(
 ) -> _Renewed:
     """Return members far from where they were, with their rows.
 
-    Sweeps of independence proposals alternate with a random walk, whichever renews
-    more members having three quarters of them. Those of high likelihood may wait the
-    longest, and weigh the most at the next power: an average does not see them.
+    Independence proposals and a random walk alternate; the one that renews more members
+    gets three sweeps of four. Members of high likelihood may wait longest, and have
+    most weight at the next power: an average over all members would not show it.
     """
     (n, ndim), renewed = theta.shape, np.zeros(len(theta))
     walks = [ComponentWalk(fit.mixture) for fit in fits]
@@ -441,8 +445,8 @@ def _renew(
     if thorough:  # quarters by likelihood
         groups = np.array_split(np.argsort(log_likelihood(rows)), 4)
     for sweep in range(sweeps):
-        better = rates[1] > rates[0]
-        walking = better if sweep % 4 < 3 and sweep else not better and sweep > 0
+        walk_pays = rates[1] > rates[0]
+        walking = sweep > 0 and (walk_pays if sweep % 4 < 3 else not walk_pays)
         moves = zip(walks if walking else fits, halves, strict=True)
         proposals = [move.get_proposal(theta[half], [], random) for move, half in moves]
         proposed, factors = map(np.concatenate, zip(*proposals, strict=True))
@@ -454,12 +458,12 @@ def _renew(
             log_weights.append(target - np.concatenate(log_q))
         threshold = _tempered(rows, power) - factors
         threshold -= random.standard_exponential(n)
-        better_ones = target > threshold
-        theta = np.where(better_ones[:, None], proposed, theta)
-        rows = np.where(better_ones[:, None], new, rows)
-        accepted.append(float(better_ones.mean()))
+        accepting = target > threshold
+        theta = np.where(accepting[:, None], proposed, theta)
+        rows = np.where(accepting[:, None], new, rows)
+        accepted.append(float(accepting.mean()))
         rates[walking] = accepted[-1] * (worth if walking else 1.0)
-        renewed[better_ones] += worth if walking else 1.0
+        renewed[accepting] += worth if walking else 1.0
         if walking:
             for walk in walks:
                 walk.scale *= np.exp(accepted[-1] - WALK_ACCEPTANCE)

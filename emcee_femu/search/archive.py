@@ -13,7 +13,7 @@ from .proposal import Labels, Proposal, assign
 
 # Effective draws below which a kurtosis would come from a few of them.
 FEWEST_OF_KURTOSIS = 100
-# Log evidence by which one proposal has to find more of a posterior than another.
+# A proposal finds more of a posterior than another if its log evidence exceeds by this.
 EVIDENCE_MISSED = 1.0
 
 
@@ -22,8 +22,8 @@ class Archive:
 
     .. math:: w(x) = \frac{p(x)}{\sum_t n_t q_t(x)}
 
-    so that the weights sum to the evidence. Points that are of no known law, such as
-    given starts and the ends of climbs, are not in it.
+    so that the weights sum to the evidence. It leaves out points that were not drawn
+    from a known law, such as given starts and the ends of climbs.
 
     Source: Cornuet, Marin, Mira and Robert (2012),
     doi:10.1111/j.1467-9469.2011.00756.x.
@@ -44,9 +44,9 @@ class Archive:
         self._laws: list[tuple[int, Mixture | None]] = []
 
     def add(self, x: Floats, rows: Floats, law: Mixture | None = None) -> None:
-        """Add draws ``(n, d)`` of a law, with their rows; of the prior if it is None.
+        """Add draws ``(n, d)`` of a law, with their rows; None stands for the prior.
 
-        Draws that are impossible count, but are not kept.
+        Impossible draws are counted, but not kept.
         """
         n, possible = len(x), np.isfinite(rows[:, LOG_POSTERIOR])
         x, log_prior = x[possible], rows[possible, LOG_PRIOR]
@@ -79,7 +79,7 @@ class Archive:
 
     @property
     def effective(self) -> float:
-        """The number of draws of the posterior that would know a mean as well."""
+        """The number of independent draws that would estimate a mean equally well."""
         return len(self.x) * kish_share(self.log_weights)
 
     @property
@@ -90,7 +90,7 @@ class Archive:
 
     @property
     def kurtosis(self) -> Floats:
-        """That of each parameter; 0 where few draws weigh, or it is constant."""
+        """Kurtosis of each parameter; 0 if few draws have weight, or it is constant."""
         shares = self.shares
         squares = (self.x - shares @ self.x) ** 2
         second, fourth = shares @ squares, shares @ squares**2
@@ -117,7 +117,7 @@ def _log_density(law: Mixture | None, x: Floats, log_prior: Floats) -> Floats:
     return log_prior if law is None else law.log_density(x)
 
 
-class Draft:
+class JudgedProposal:
     """A proposal, judged by fresh draws of it.
 
     Args:
@@ -128,10 +128,10 @@ class Draft:
     Attributes:
         log_p: The log-posterior of each draw.
         log_q: The log density of the proposal there.
-        log_weights: ln(p / q) of each.
-        pareto_k: Of the weights.
-        efficiency: Their effective share.
-        log_evidence: By importance sampling.
+        log_weights: ln(p / q) of each draw.
+        pareto_k: Pareto k of the weights.
+        efficiency: Effective share of the weights.
+        log_evidence: Log evidence by importance sampling.
     """
 
     def __init__(self, proposal: Proposal, theta: Floats, rows: Floats) -> None:
@@ -163,7 +163,7 @@ class Draft:
         """The acceptance of independence proposals in equilibrium."""
         return find_acceptance(self.log_p, self.log_q, self.log_q)
 
-    def is_better(self, other: "Draft") -> bool:
+    def is_better(self, other: "JudgedProposal") -> bool:
         """Return whether it finds more of the posterior, or fits better."""
         if not (self.efficiency and other.efficiency):  # one never met the posterior
             return self.efficiency > other.efficiency

@@ -26,27 +26,27 @@ from .response_surface import SURFACE_COST, learn_surface
 from .settings import SETTINGS
 from .tails import follow_tails
 
-# Draws of a round of the refinement at least, and by the evaluations of the chain.
+# Fewest draws of a round of the refinement, and their ratio to the evaluations of the
+# chain, which counts if it gives more.
 # (Five stiffnesses, 192,000 evaluations: 960 instead of 300 raise the acceptance from
 # .7 to .83, which is worth 25,000 evaluations, and cost 4,000.)
 ROUND = 300
 ROUND_SHARE = 0.005
-# Proposals that a surface accepts before one is solved, and proposals that it sees at
-# most.
+# Proposals that a surface accepts before one is solved, and the most that it looks at.
 SCREENED = 10
 MOST_SCREENED = 100
 # Members of the populations of all ensembles.
 POPULATION = 1_000
 # Draws from which Hamiltonian moves are tuned.
 TUNING_DRAWS = 24
-# Solves that this takes at most, for which a budget has to be twice as large.
+# Most solves that this takes. Moves are only tuned if the budget is at least twice it.
 TUNING = 14_000
 
 
 def budget_of(evaluations: int) -> int:
     """Return the most that a search may spend before a chain of so many evaluations.
 
-    That is twice as many, and no less than before a short chain.
+    It is twice as many, but never less than a short chain is given.
     """
     return max(SETTINGS.least_budget, 2 * evaluations)
 
@@ -69,17 +69,17 @@ def search_and_start(
     starts from an annealed population, at the power that the budget lets it reach.
 
     Args:
-        evaluator: What evaluates, and stores where there is a file.
+        evaluator: Evaluates the posterior, and stores the rows if there is a file.
         nwalkers: Walkers per ensemble.
         ensembles: How many there are.
-        seed: Of the run.
-        evaluations: Those of the chain.
+        seed: The seed of the run.
+        evaluations: Evaluations that the chain will take.
         budget: Solves that the search may take.
         starts: Points ``(n, d)`` of each ensemble that are searched too.
 
     Returns:
-        What was found, and the evaluated start of each ensemble with its random
-        stream.
+        The record of the search, and the evaluated start of each ensemble with its
+        random stream.
     """
     seeds = np.random.SeedSequence(seed).spawn(ensembles)
     streams = [np.random.default_rng(child.spawn(1)[0]) for child in seeds]
@@ -107,7 +107,7 @@ def _plan(
     evaluations: int,
     budget: int,
 ) -> tuple[Ledger, Sizes]:
-    """Return what is kept for whom, and how many points and draws stages take."""
+    """Return the ledger with its reserves, and the sizes of the stages."""
     posterior, settings = evaluator.posterior, SETTINGS
     batch = max(ROUND, PER_PARAMETER * posterior.ndim, round(ROUND_SHARE * evaluations))
     last = REFINING_ROUNDS // 2 * batch  # draws of the last round
@@ -122,7 +122,7 @@ def _plan(
     }
     ledger = Ledger(evaluator, budget, kept)
     most, usual = settings.most_searched, settings.searched_share * settings.sized_for
-    # Half as many as of a run that ends by itself, at least.
+    # At least half as many as for a run that ends by its verdict.
     points = round(max(usual / 2, settings.searched_share * evaluations))
     points = min(points, most)
     if not (posterior.differentiable or any(term.observed for term in posterior.terms)):
@@ -132,7 +132,7 @@ def _plan(
 
 def bend(campaign: Campaign) -> None:
     """Learn polynomials of the response where these do better than the mixture."""
-    c, first = campaign, campaign.draft
+    c, first = campaign, campaign.best
     end = c.ledger.end("adapt", "judge")
     affordable = c.evaluator.solves + SURFACE_COST <= end
     if not (c.bent and affordable and first.acceptance > 0):
@@ -142,32 +142,33 @@ def bend(campaign: Campaign) -> None:
         return
     surface, c.proposal = learned
     judge(c)
-    log_c = surface(c.draft.theta)
-    accepted = find_acceptance(c.draft.log_p, log_c, c.draft.log_q)
-    # What few draws say of a surface is no reason to leave a fair mixture.
-    known = c.draft.reliable or first.acceptance < POOR_ACCEPTANCE
+    log_c = surface(c.best.theta)
+    accepted = find_acceptance(c.best.log_p, log_c, c.best.log_q)
+    # A few draws are no sufficient reason to replace a fair mixture by a surface.
+    known = c.best.reliable or first.acceptance < POOR_ACCEPTANCE
     if known and accepted > max(first.acceptance, POOR_ACCEPTANCE):
         c.surface = surface
-    elif not c.draft.is_better(first):
-        c.draft = first
+    elif not c.best.is_better(first):
+        c.best = first
 
 
 def look_for_gradients(campaign: Campaign) -> None:
     """Prefer trajectories where gradients are cheap and the proposal is poor."""
     tunable = campaign.ledger.kept["tune"] > 0 and campaign.surface is None
-    campaign.by_gradients = tunable and campaign.draft.acceptance < POOR_ACCEPTANCE
+    campaign.by_gradients = tunable and campaign.best.acceptance < POOR_ACCEPTANCE
 
 
 def anneal_starts(campaign: Campaign) -> None:
     """Anneal populations to start from, where the proposal hardly meets the posterior.
 
-    That is where the shapes of the maxima say too little, or none is met at all.
+    This is so where the shapes of the maxima are a poor guide to the posterior, or
+    where no draw of the proposal is possible.
     """
-    c, draft = campaign, campaign.draft
-    if c.surface or draft.reliable or (c.by_gradients and draft.efficiency):
+    c, best = campaign, campaign.best
+    if c.surface or best.reliable or (c.by_gradients and best.efficiency):
         return
     affordable = c.evaluator.solves < c.ledger.end("adapt", "judge")
-    if draft.efficiency and (draft.acceptance > POOR_ACCEPTANCE or not affordable):
+    if best.efficiency and (best.acceptance > POOR_ACCEPTANCE or not affordable):
         return
     number = len(c.streams)
     size = max(fewest_members(c.posterior.ndim), POPULATION // number)
@@ -192,8 +193,8 @@ STAGES: tuple[Stage, ...] = (
 
 
 def _assign_climbs(campaign: Campaign) -> NDArray[np.intp]:
-    """Return the climbs of each ensemble that ended at each maximum of the draft."""
-    law, labels = campaign.draft.proposal.law, campaign.draft.labels
+    """Return each ensemble's climbs that ended at each maximum of the best proposal."""
+    law, labels = campaign.best.proposal.law, campaign.best.labels
     tops = np.array([maximum.theta for maximum in campaign.maxima.found])
     count = int(labels.max()) + 1
     found_by = np.zeros((len(campaign.streams), count), dtype=np.intp)
@@ -207,39 +208,39 @@ def _draw_start(
     """Return where the walkers of an ensemble start, and their rows.
 
     Args:
-        campaign: What was found.
+        campaign: The campaign after its last stage.
         ensemble: Which one.
         found: Its climbs by maximum.
         nwalkers: How many walkers it has.
     """
-    draft, rng = campaign.draft, campaign.streams[ensemble]
-    if campaign.populations and not draft.reliable:
+    best, rng = campaign.best, campaign.streams[ensemble]
+    if campaign.populations and not best.reliable:
         population = campaign.populations[ensemble]
         n = len(population.theta)
         chosen = rng.choice(n, nwalkers, replace=nwalkers > n)
         return population.theta[chosen], population.rows[chosen]
-    numbers = np.arange(len(draft.theta))
+    numbers = np.arange(len(best.theta))
     part = np.array_split(numbers, len(campaign.streams))[ensemble]
-    found_itself = found[draft.owner] > 0
-    chosen = _choose_draws(rng, draft.log_weights, part, found_itself, nwalkers)
-    return draft.theta[chosen], draft.rows[chosen]
+    found_itself = found[best.owner] > 0
+    chosen = _choose_draws(rng, best.log_weights, part, found_itself, nwalkers)
+    return best.theta[chosen], best.rows[chosen]
 
 
 def _record(
     campaign: Campaign, found_by: NDArray[np.intp], starts: Sequence[Floats]
 ) -> SearchRecord:
     """Return what was found, and with which moves the chain goes on from starts."""
-    c, draft, count = campaign, campaign.draft, found_by.shape[1]
-    law, maximum_of = draft.proposal.law, draft.labels
+    c, best, count = campaign, campaign.best, found_by.shape[1]
+    law, maximum_of = best.proposal.law, best.labels
     share = next(
         share
         for least, share in c.settings.independence_shares
-        if draft.acceptance >= least
+        if best.acceptance >= least
     )
     trajectories, screened = None, 1
     if c.surface is not None:
-        log_c = c.surface(draft.theta)
-        accepted = find_acceptance(log_c, draft.log_q, draft.log_q)
+        log_c = c.surface(best.theta)
+        accepted = find_acceptance(log_c, best.log_q, best.log_q)
         screened = min(int(np.ceil(SCREENED / accepted)), MOST_SCREENED)
         share = BEST_SHARE
     if c.by_gradients:
@@ -247,11 +248,11 @@ def _record(
             trajectories = _tune_trajectories(c, np.concatenate(starts))
         # For jumps between maxima.
         share = (1 - BEST_SHARE) / 2 if count > 1 else 0.0
-    weights, errors = weigh(draft.owner, draft.log_weights, count)
-    owned = draft.owner[:, None] == np.arange(count)
-    height = np.where(owned, draft.log_p[:, None], -np.inf)
+    weights, errors = weigh(best.owner, best.log_weights, count)
+    owned = best.owner[:, None] == np.arange(count)
+    height = np.where(owned, best.log_p[:, None], -np.inf)
     met = np.isfinite(height.max(axis=0))
-    highest = draft.theta[height.argmax(axis=0)]
+    highest = best.theta[height.argmax(axis=0)]
     followed = {
         experiment: np.where(met[:, None], numbers, 0)
         for experiment, numbers in follow_modes(c.posterior, highest).items()
@@ -263,15 +264,15 @@ def _record(
     uncounted = len(followed) * (count + 2)
     return SearchRecord(
         mixture=law,
-        kinds=draft.proposal.law_kinds,
+        kinds=best.proposal.law_kinds,
         maximum_of=maximum_of,
         weights=weights,
         errors=errors,
         found_by=found_by,
         starts=np.array(walkers),
-        pareto_k=draft.pareto_k,
-        efficiency=draft.efficiency,
-        log_weights=draft.log_weights,
+        pareto_k=best.pareto_k,
+        efficiency=best.efficiency,
+        log_weights=best.log_weights,
         points=c.points,
         climbs=c.maxima.climbs,
         from_prior=c.maxima.from_prior,
@@ -289,7 +290,7 @@ def _record(
 
 def _tune_trajectories(campaign: Campaign, draws: Floats) -> dict[str, object]:
     """Return the arguments of Hamiltonian moves."""
-    narrow = campaign.draft.proposal.undefended.seen_in(None)
+    narrow = campaign.best.proposal.undefended.seen_in(None)
     metric = np.einsum("k,kij->ij", narrow.weights, narrow.matrices)
     some = draws[:: -(-len(draws) // TUNING_DRAWS)]
     move = HamiltonianMove.tuned(campaign.evaluator, some, metric, seed=0)
@@ -305,8 +306,8 @@ def _choose_draws(
 ) -> NDArray[np.intp]:
     """Return which draws an ensemble's walkers start from, by importance weights.
 
-    Its part of them; if none of that is at a maximum that it found, any; and if none
-    is possible at all, those of the others.
+    They are draws of its own part at maxima that it found itself. If there are none,
+    any draw of its part will do; and if none of these is possible, any draw at all.
     """
     possible = np.isfinite(log_weights)
     if not possible.any():

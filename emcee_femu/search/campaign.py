@@ -13,7 +13,7 @@ from ..evaluation.evaluator import Evaluation
 from ..moves.mixture import Mixture
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre
-from .archive import Archive, Draft
+from .archive import Archive, JudgedProposal
 from .coordinates import Coordinates
 from .ledger import Ledger
 from .maxima import Maxima
@@ -36,9 +36,9 @@ class Sizes:
 
     Attributes:
         points: Points of the exploration.
-        batch: Draws of one round of the refinement, at least.
+        batch: Fewest draws of a round of the refinement.
         refined: Solves after which no round of a refinement begins.
-        judged: Draws by which a proposal is judged.
+        judged: Number of draws by which a proposal is judged.
     """
 
     points: int
@@ -52,18 +52,20 @@ class Campaign:
     """A search under way. A stage is a function of it, and returns nothing.
 
     Attributes:
-        evaluator: What evaluates the posterior.
+        evaluator: Evaluates the posterior.
         streams: A random stream for each ensemble.
-        ledger: What each stage may spend, and has spent.
+        ledger: The solves that each stage may spend, and has spent.
         sizes: How many points and draws the stages take.
         starts: Points ``(n, d)`` of each ensemble that are searched too, or None.
-        settings: What the search is steered by.
+        settings: The numbers that steer the search.
         archive: All draws, weighted.
         maxima: The maxima that were found.
-        proposal: The present proposal; none before the exploration.
-        draft: The best proposal so far, with the draws that judged it.
+        proposal: The present proposal. The attribute is not set before the
+            exploration has ended.
+        best: The best proposal so far, with the draws that judged it.
         points: How many points were explored.
-        first_share: Effective share of the first refined mixture, without those.
+        first_share: Effective share of the first refined mixture, before components
+            for tails and carriers were added; NaN until then.
         surface: The response surface that screens proposals, where there is one.
         populations: An annealed population of each ensemble, if any were annealed.
         by_gradients: Whether trajectories do better than independence proposals.
@@ -78,7 +80,7 @@ class Campaign:
     archive: Archive = field(init=False)
     maxima: Maxima = field(init=False)
     proposal: Proposal = field(init=False)
-    draft: Draft = field(init=False)
+    best: JudgedProposal = field(init=False)
     points: int = 0
     first_share: float = np.nan
     surface: ResponseSurface | None = None
@@ -92,11 +94,11 @@ class Campaign:
 
     @cached_property
     def coordinates(self) -> tuple[NDArray[np.bool_] | None, ...]:
-        """Which parameters a mixture may see by their logarithms: none, or all it can.
+        """The parameters that a mixture may take logarithms of: none, or all possible.
 
         It may where the prior allows only positive values and has no density at zero.
         Otherwise the density of the logarithm has an exponential tail towards zero,
-        which is heavier than that of a mixture that is fitted to draws.
+        which is heavier than the tail of a mixture fitted to draws.
         """
         prior = self.posterior.prior
         logs = Coordinates.positive(prior).logs
@@ -117,7 +119,7 @@ class Campaign:
 
     @property
     def bent(self) -> bool:
-        """Whether they may do better than mixtures."""
+        """Whether such polynomials may do better than mixtures."""
         return self.bendable and self.first_share < self.settings.bent
 
     @property
@@ -126,13 +128,13 @@ class Campaign:
         return WEIGHED_WHERE_BENT if self.bent else 1.0
 
     def draw(self, law: Mixture, number: int) -> tuple[Floats, Floats]:
-        """Return evaluated draws of a law: as many of each stream, and their rows."""
+        """Return draws of a law, equally many from each stream, and their rows."""
         each = -(-number // len(self.streams))
         theta = np.concatenate([law.draw(rng, each) for rng in self.streams])
         return theta, self.evaluator.rows(theta)
 
     def extend(self, added: Sequence[Component], kind: str, number: int) -> None:
-        """Add components of the parameters, after some draws of these alone."""
+        """Add components to the proposal, after drawing from these alone."""
         law = self.proposal.law
         weights, means, matrices = map(np.array, zip(*added, strict=True))
         alone = Mixture(weights / weights.sum(), means, matrices, law.df)

@@ -19,6 +19,7 @@ from .coordinates import Coordinates
 from .curvature import Local, Space
 from .quadratic import (
     LEAST_CURVATURE,
+    clip_curvature,
     find_damping,
     log_integral,
     make_positive,
@@ -27,10 +28,13 @@ from .quadratic import (
 
 # Log-posterior that a step has to gain: it ends 0.045 standard deviations from the top.
 WORTH_A_STEP = 1e-3
+# Prior standard deviations that one step may change a parameter, the widest that a
+# direction is taken for. From far below an inferred error, Newton's step has no limit.
+LONGEST = LEAST_CURVATURE**-0.5
 # Log-posterior that may remain where no step gains: by the noise of a solver, at a kink
 # or a sharp bend.
 NOISE_OF_TOP = 0.1
-# Steps of a climb at most.
+# Most steps of a climb.
 MOST_STEPS = 100
 # Ratios of the actual gain to the predicted one: below the first the radius shrinks,
 # above the second the whole step of the quadratic is tried again.
@@ -38,9 +42,9 @@ GAIN_POOR = 0.25
 GAIN_GOOD = 0.75
 # Factor of the step by which the radius shrinks.
 SHORTER = 0.25
-# Width of a posterior at least, by that of the prior: no data make it as narrow, and
-# rounded frequencies would stop a climb at a tenth of it. So near a bound a point is on
-# it.
+# Least width of a posterior relative to that of the prior: no data make it as narrow,
+# and rounded frequencies would stop a climb at a tenth of it. A point closer to a bound
+# than this is put on it.
 NARROWEST = 1e-8
 # Drop of the log evidence towards a singularity, at least, for its integral to count as
 # finite. Where it is finite the drop is 10 and more, elsewhere there is none.
@@ -48,8 +52,9 @@ VANISHING = 5.0
 # Distance of two maxima in standard deviations, below which they are one: the sum of
 # two equal Gaussians so near has one top.
 SAME = 2.0
-# Share of a slope's square that stays as curvature, which else might be rounding alone:
-# where an exponential has fallen by e, it is changed by half of it.
+# Share of a slope's square g^2 that stays as curvature, since without it the curvature
+# might be rounding alone. One spread 1/|g| from the bound, where the exponential has
+# fallen by a factor of e, it changes the log density by KEPT_SQUARE/2.
 KEPT_SQUARE = 1e-4
 # Why a climb ended.
 ARRIVED = "converged"
@@ -111,12 +116,12 @@ class Climb:
     Attributes:
         local: Where it is.
         radius: How far the quadratic is trusted.
-        target: The point that is to be looked at; None where the curvature is.
-        predicted: What the quadratic says that it gains.
+        target: The point to look at next; None to compute the curvature where it is.
+        predicted: The gain that the quadratic predicts there.
         ended: Why, in words; empty while it goes on.
-        converged: Whether at a maximum.
+        converged: Whether it is at a maximum.
         damped: Whether the radius shortens the step.
-        way: Where it was.
+        way: The points that it passed.
     """
 
     local: Local
@@ -136,11 +141,15 @@ class Climb:
             return
         self.way.append(local)
         curvature = make_positive(local.curvature)
-        room = box.T - local.point
+        room = np.clip(box.T - local.point, -LONGEST, LONGEST)
         step, gain = step_within(local.gradient, curvature, *room)
         self.target = None
         if gain < WORTH_A_STEP and not local.fresh:
             return  # to the curvature of this point
+        if gain < WORTH_A_STEP and curvature is not local.curvature:
+            # With the least curvature, a long gentle slope would promise no gain.
+            curvature = clip_curvature(local.curvature)
+            step, gain = step_within(local.gradient, curvature, *room)
         uphill = local.gradient if gain >= WORTH_A_STEP else _leave_saddle(local, box)
         if uphill is None:
             self.ended, self.converged = ARRIVED, True
@@ -196,7 +205,7 @@ def climb(
     the step stays where the quadratic was good so far.
 
     Args:
-        evaluator: What evaluates the posterior; all climbs share its batches.
+        evaluator: Evaluates the posterior; all climbs share its batches.
         starts: Where to begin, in the coordinates.
         guess: A covariance ``(d, d)`` of the posterior near the starts, which spares
             solves where no information comes with gradients.

@@ -14,9 +14,9 @@ from ..posterior.derivatives import difference, unstack
 from ..posterior.log_posterior import LOG_POSTERIOR, LOG_PRIOR
 from ..posterior.priors import prior_scale
 
-# Draws of the prior by which its quantiles are known.
+# Draws of the prior from which its quantiles are estimated.
 QUANTILE_DRAWS = 20_000
-# Ratio of the quantiles .95 and .05, from which logarithms are natural.
+# Least ratio of the quantiles .95 and .05 at which logarithms are considered.
 DECADES = 30.0
 
 
@@ -24,14 +24,15 @@ DECADES = 30.0
 class Coordinates:
     """A prior in coordinates: logarithms or logits of some of the parameters.
 
-    The stiffness of a support between 1e3 and 1e9, say: what a model makes of it bends
-    within a small part of the range, and no process of one length follows that. And a
-    posterior that is pressed to a bound ends there abruptly, as no Student t does.
+    Take the stiffness of a support between 1e3 and 1e9: the response bends within a
+    small part of that range, and a Gaussian process with one length scale cannot follow
+    it. And a posterior pressed against a bound ends abruptly, which no Student t does.
 
     Attributes:
         prior: The prior.
-        logs: Whether a parameter is seen by its logarithm, ``(d,)``.
-        logits: Whether by ``ln((x - low) / (high - x))`` between its bounds, ``(d,)``.
+        logs: Whether a parameter is replaced by its logarithm, ``(d,)``.
+        logits: Whether it is replaced by ``ln((x - low) / (high - x))``, with its
+            bounds, ``(d,)``.
     """
 
     prior: Prior
@@ -45,7 +46,7 @@ class Coordinates:
 
     @classmethod
     def unbounded(cls, prior: Prior) -> Self:
-        """Return coordinates that know no bounds: what is pressed to one has a tail."""
+        """Return coordinates without bounds: a density at a bound gets a tail."""
         low, high = prior.bounds.T
         return cls(prior, (low == 0) & np.isinf(high), np.isfinite(high - low))
 
@@ -58,7 +59,7 @@ class Coordinates:
 
     @classmethod
     def of(cls, prior: Prior) -> Self:
-        """Return logarithms of parameters over decades if these are symmetric so."""
+        """Return logarithms of parameters over decades that are symmetric on them."""
         theta = prior.sample(np.random.default_rng(0), QUANTILE_DRAWS)
         low, middle, high = np.quantile(theta, [0.05, 0.5, 0.95], axis=0)
         logs = cls.positive(prior).logs & (high > DECADES * low)
@@ -70,12 +71,12 @@ class Coordinates:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Those of the parameters."""
+        """Names of the parameters."""
         return self.prior.names
 
     @property
     def bounds(self) -> Floats:
-        """Those of the coordinates, ``(d, 2)``."""
+        """Bounds of the coordinates, ``(d, 2)``."""
         return self.coordinates(self.prior.bounds.T).T
 
     @property
@@ -107,7 +108,7 @@ class Coordinates:
         return theta
 
     def log_volume(self, x: Floats) -> Floats:
-        """Return by what the log-density of coordinates exceeds that of parameters."""
+        """Return log-densities of coordinates minus those of parameters, ``(n,)``."""
         volume: Floats = x[:, self.logs].sum(axis=1)
         volume += logistic.logpdf(x[:, self.logits]).sum(axis=1)
         volume += np.log(np.diff(self.prior.bounds[self.logits])).sum()
@@ -134,8 +135,8 @@ class Coordinates:
     ) -> tuple[Floats, Floats, Floats]:
         """Return rows, gradients and information, with the densities of coordinates.
 
-        NaN is what is not known. Differences are of logarithms too: beside a small
-        value those of the parameter would be too far. There may be no logits.
+        Unknown values are NaN. Differences are taken in logarithms too, since the steps
+        of a small parameter itself would be too long. Logits are not allowed.
         """
         posterior, theta = evaluator.posterior, self.inside(x)
         if self.logs.any() and not posterior.differentiable:
@@ -152,14 +153,14 @@ class Coordinates:
             gradient = gradient * slopes + self.logs
             if information is not None:
                 information = information * (slopes[:, :, None] * slopes[:, None])
-                # At a maximum a logarithm bends the density by one more.
+                # At a maximum, the change to a logarithm adds 1 to the curvature.
                 information = information + np.diag(1.0 * self.logs)
         if information is None:
             information = np.full((*x.shape, x.shape[1]), np.nan)
         return rows, gradient, information
 
     def compare(self, evaluator: Evaluation, other: Evaluation, x: Floats) -> Floats:
-        """Return rows, the density of another posterior in place of the prior's."""
+        """Return rows with the density of another posterior in place of the prior."""
         rows = self.rows(evaluator, x)
         rows[:, LOG_PRIOR] = self.rows(other, x)[:, LOG_POSTERIOR]
         return rows

@@ -1,7 +1,7 @@
 """Quadratics about points of a posterior: its gradient and curvature there.
 
-The curvature is Fisher's information where all terms tell it, for which gradients are
-enough; else a quadratic is fitted to the rows of points around.
+The curvature is the Fisher information if all terms have one, for which gradients are
+enough. Otherwise a quadratic is fitted to the rows of points around.
 """
 
 from collections.abc import Sequence
@@ -15,17 +15,17 @@ from ..posterior.derivatives import is_printed
 from ..posterior.log_posterior import LOG_POSTERIOR
 from .coordinates import Coordinates
 
-# Relative error of a prediction, below which a curvature holds everywhere.
+# If a prediction has a smaller relative error, the curvature holds everywhere.
 EXACT = 1e-2
-# Relative error of a prediction, above which a curvature is found anew.
+# If a prediction has a larger relative error, the curvature is computed anew.
 USABLE = 0.5
-# Step of differences in prior standard deviations, where no scale is known.
+# Step of differences, in prior standard deviations, where no scale is known.
 FIRST_OFFSET = 1e-3
-# Step of differences in conditional standard deviations of the posterior.
+# Step of differences, in conditional standard deviations of the posterior.
 OFFSET = 0.05
-# Step of differences in prior standard deviations at most.
+# Largest step of differences, in prior standard deviations.
 MOST_OFFSET = 0.1
-# The last two for a solver that prints few digits.
+# OFFSET and MOST_OFFSET for a solver that prints few digits.
 GRAINED_OFFSET = 1.0
 MOST_GRAINED = 0.5
 
@@ -34,14 +34,14 @@ class Local(NamedTuple):
     """The quadratic about a point, in standard deviations of the prior.
 
     Attributes:
-        point: Where, ``(d,)``.
+        point: The point, ``(d,)``.
         row: The posterior's row there.
-        gradient: Of the log-posterior, ``(d,)``; NaN where a solve failed.
+        gradient: Gradient of the log-posterior, ``(d,)``; NaN where a solve failed.
         curvature: Minus the Hessian, ``(d, d)``.
         fresh: Whether the curvature is that of this point.
-        offsets: Steps to neighbours on each axis ``(d,)``, of differences of rows.
-        ahead: What these steps gain, ``(d,)``.
-        diagonal: Of the curvature at this point, ``(d,)``; NaN if not known.
+        offsets: Steps of the differences to a neighbour on each axis, ``(d,)``.
+        ahead: Change of the log-posterior over these steps, ``(d,)``.
+        diagonal: Diagonal of the curvature at this point, ``(d,)``; NaN if not known.
     """
 
     point: Floats
@@ -60,7 +60,7 @@ class Local(NamedTuple):
 
     @property
     def usable(self) -> bool:
-        """Whether nothing failed, here and beside."""
+        """Whether no solve failed, neither at the point nor beside it."""
         return bool(np.isfinite([self.value, *self.gradient]).all())
 
 
@@ -83,7 +83,7 @@ class Space:
             curvature = guess / np.outer(self.scale, self.scale)
             self.guess = np.asarray(np.linalg.inv(curvature), np.float64)
         self.printed = False  # as far as is known
-        # Solves for a look.
+        # Solves that a look at a point takes.
         rows = len(self.scale) * (1 if self.posterior.normal else 2)
         self.price = 1 if self.posterior.differentiable else rows + 1
 
@@ -120,8 +120,8 @@ class Space:
     def _look_around(self, local: Local, before: Local | None) -> Local:
         """Return the quadratic about a point, with an old curvature if it still holds.
 
-        A gradient that is not known takes two rows on each axis, which give the
-        diagonal of the curvature too; a point lower than that before is not worth them.
+        An unknown gradient takes two rows on each axis, which give the diagonal of the
+        curvature too. A point lower than the one before is not worth them.
         """
         curvature = self.guess if before is None else before.curvature
         first, second = self._offsets(local.point, curvature)
@@ -147,7 +147,7 @@ class Space:
         changed = np.abs(local.diagonal - np.diag(curvature))
         exact = (changed < EXACT * np.abs(np.diag(curvature))).all()
         if error < EXACT * abs(change) and exact:
-            return local._replace(fresh=True)  # as of a Gaussian
+            return local._replace(fresh=True)  # as for a Gaussian
         return local._replace(curvature=_bend(before, local))
 
     def _difference(self, local: Local, second: Floats) -> Local:
@@ -157,7 +157,7 @@ class Space:
         rows = self.rows(local.point + steps)
         ahead, behind = np.split(rows[:, LOG_POSTERIOR] - local.value, 2)
         a, b = ahead / first, behind / second
-        # Where a solve on one side failed, the slope of the other one is taken.
+        # Where a solve on one side failed, the slope on the other side is taken.
         a, b = np.where(np.isfinite(a), a, b), np.where(np.isfinite(b), b, a)
         with np.errstate(invalid="ignore"):  # where all solves failed
             gradient = (a * second - b * first) / (second - first)
@@ -167,7 +167,7 @@ class Space:
     def fit(self, local: Local) -> Local:
         """Return the quadratic with the curvature of its point.
 
-        By differences of gradients, or by one more row for each pair of axes.
+        It takes differences of gradients, or one more row for each pair of axes.
         """
         steps = np.diag(local.offsets)
         if self.posterior.differentiable:
@@ -185,7 +185,7 @@ class Space:
             both[~np.isfinite(both)] = 0.0
             curvature[i, j] = -both / (local.offsets[i] * local.offsets[j])
             curvature[j, i] = curvature[i, j]
-        self.guess = curvature  # where others start
+        self.guess = curvature  # from which other climbs start
         return local._replace(curvature=curvature, fresh=True)
 
     def _offsets(

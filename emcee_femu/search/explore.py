@@ -23,19 +23,19 @@ from .climbing import climb
 from .proposal import Proposal
 from .shoulders import UNEXPLAINED, find_shoulders
 
-# Part of a budget up to which the search may climb, however small the budget is.
+# Part of the budget that climbs may spend, however much is reserved for other stages.
 CLIMBED_AT_LEAST = 1 / 3
-# Where the way from a maximum to a point is looked at, by its length.
+# Places at which the way from a maximum to a point is probed, relative to its length.
 WAY_POINTS = np.array([0.2, 0.4, 0.6, 0.8])
-# Log-density by which the lowest point of a way has to be below the point at its end,
-# if a valley is to part that from the maximum.
+# A valley parts a point from a maximum if the lowest log-density on the way is below
+# that of the point by this.
 VALLEY = 0.5
-# Points of each ensemble that are candidates in a round: half of them by their height,
-# half by what is unexplained.
+# Points of each ensemble that are candidates in a round: half of them the highest, half
+# those that are explained least.
 TESTED = 8
-# Share of the points of a search that may be spent on ways, each time.
+# Most solves for probing ways each time, relative to the points of a search.
 SHARE_TESTED = 0.1
-# How many climbs from the prior share their batches.
+# Number of climbs from the prior that share their batches.
 CLIMBED_AT_ONCE = 24
 # Ratio of the widths of two scans about the maxima, one wider than the other.
 SCAN_WIDENS = 2.0
@@ -201,7 +201,7 @@ class _Exploration:
     def _choose(self, excess: Floats, tested: NDArray[np.bool_]) -> list[int]:
         """Return untested points that are explained least, by ensembles in turn.
 
-        Each round begins at another ensemble, for only the first points may be taken.
+        Each round begins with another ensemble, since only the first may be taken.
         """
         possible = np.isfinite(self.heights) & (excess > UNEXPLAINED) & ~tested
         queues: list[list[int]] = []
@@ -220,7 +220,7 @@ class _Exploration:
     def _find_valleys(self, numbers: Sequence[int]) -> list[int]:
         """Return those points that a valley parts from the nearest maximum.
 
-        On the straight way to it the density falls below that of the point.
+        On the straight way to it, the density falls clearly below that of the point.
         """
         mixture, theta = self.maxima.mixture(), self.theta[numbers]
         tops = mixture.means[np.argmin(mixture.squared_distances(theta), axis=1)]

@@ -22,9 +22,9 @@ from .importance import FAIR_SHARE, FEWEST_WEIGHTS, GOOD_K, kish_share, pareto_k
 from .maxima import HITS
 from .quadratic import moments_inside
 
-# Maxima in the tables at most.
+# Most maxima in the tables.
 SHOWN_MAXIMA = 4
-# Draws for each one that has to lie inside the bounds.
+# Draws for each one that is wanted inside the bounds.
 TRIALS = 100
 
 
@@ -261,7 +261,7 @@ def find_map(
     with open_evaluator(posterior, {}, *how) as evaluation:
         check_first_solve(evaluation)
         ends = climb(evaluation, points)
-        # A climb that stopped on its way tells only if it is above all that arrived.
+        # A climb that stopped on its way counts only if it is above all that arrived.
         top = max([e.log_posterior for e in ends if e.converged], default=-np.inf)
         tell = [end for end in ends if end.converged or end.log_posterior > top]
         reached = [end for end in tell if end.log_evidence > -np.inf]
@@ -317,11 +317,11 @@ def _draw_inside(
     n: int,
     rng: np.random.Generator,
 ) -> tuple[Floats, Floats]:
-    """Draw from the gaussians about maxima, inside the bounds.
+    """Draw from the Gaussians about maxima, inside the bounds.
 
     Returns:
-        Draws, fewer than n where most of a Gaussian is out of bounds, and the log of
-        their density but for a constant: cut at the bounds the law is the same.
+        Draws, fewer than n if most of the Gaussians is out of bounds, and the log of
+        their density up to a constant: cutting at the bounds only rescales it.
     """
     centres = np.array([maximum.theta for maximum in maxima])
     covariances = np.array([maximum.covariance for maximum in maxima])

@@ -15,7 +15,7 @@ from ..contracts import Floats
 GOOD_K = 0.7
 # Effective share from which a heavy tail of weights matters little.
 FAIR_SHARE = 0.5
-# Weights from which k can be said.
+# Fewest weights for which k is estimated.
 FEWEST_WEIGHTS = 25
 # Relative range of the largest weights, below which they are equal and have no tail.
 EQUAL = 1e-9
@@ -118,12 +118,12 @@ def independence_acceptance(log_weights: Floats, at_c: Floats) -> Floats:
         at_c: The weight of each point among draws of c; they sum to one.
 
     Returns:
-        a, ``(n,)``; 0 where w is not finite, as of a point where c is zero.
+        a, ``(n,)``; 0 where w is not finite, as at a point where c is zero.
     """
     finite = np.flatnonzero(np.isfinite(log_weights))
     order = finite[np.argsort(log_weights[finite])]
     log_w, c = log_weights[order], at_c[order]
-    with np.errstate(divide="ignore"):  # of points that are no draws of c
+    with np.errstate(divide="ignore"):  # for points that are no draws of c
         less = np.logaddexp.accumulate(np.log(c) + log_w)
     result = np.zeros(len(log_weights))
     result[order] = np.exp(less - log_w) + np.append(c[:0:-1].cumsum()[::-1], 0.0)
@@ -134,19 +134,21 @@ def find_acceptance(log_p: Floats, log_c: Floats, log_q: Floats) -> float:
     """Return the acceptance of independent draws of c, in equilibrium with p.
 
     Args:
-        log_p: Of p, unnormalised, at draws of q, ``(n,)``; -inf where it is zero.
-        log_c: The same of c.
-        log_q: The same of q.
+        log_p: ln p, unnormalised, at draws of q, ``(n,)``; -inf where p is zero.
+        log_c: ln c at the same draws.
+        log_q: ln q at the same draws.
     """
     if not np.isfinite(log_p + log_c).any():
         return 0.0
     at_p, at_c = (softmax(x - log_q) for x in (log_p, log_c))
-    with np.errstate(invalid="ignore"):  # of draws where p and c are zero
+    with np.errstate(invalid="ignore"):  # at draws where p and c are zero
         return float(at_p @ independence_acceptance(log_p - log_c, at_c))
 
 
 def resample(weights: Floats, size: int, offset: float | Floats) -> NDArray[np.intp]:
-    """Return members as often as their weights say, to one.
+    """Return members as often as their weights say, rounded up or down.
+
+    Member i comes size w_i / sum(w) times, rounded up or down to a whole number.
 
     Args:
         weights: ``(n,)``, not below zero.
@@ -163,15 +165,15 @@ def resample(weights: Floats, size: int, offset: float | Floats) -> NDArray[np.i
 
 
 class Bridge(NamedTuple):
-    """What one bridge found.
+    """The result of a bridge.
 
     Attributes:
         log_ratio: ln of the ratio of the normalising constants of f and g.
-        from_f: First-order error of log_ratio that each draw of f adds, so that the
-            mean of all is zero.
+        from_f: First-order error that each draw of f adds to log_ratio; their mean is
+            zero.
         from_g: The same of the draws of g.
-        overlap: Of f and g, 1 where they are the same law, 0 where no draw of one has
-            a chance under the other.
+        overlap: The overlap of f and g: 1 if they are the same law, 0 if no draw of one
+            has a chance under the other.
     """
 
     log_ratio: float
@@ -208,8 +210,8 @@ def bridge(at_f: Floats, at_g: Floats, share: float = 0.5) -> Bridge:
     high = max(at_f.max(), at_g.max()) + 1.0
     log_ratio = brentq(unbalance, low, high, xtol=1e-9 * max(1.0, high - low))
     p_g, p_f = (expit(x - log_ratio + odds) for x in (at_g, at_f))
-    # Each side of the equation, and its derivative by log_ratio: as f (1 - p) s is
-    # g p (1 - s), the mean of p (1 - p) is that of p over g.
+    # The derivative of the equation with respect to log_ratio: since f (1 - p) s equals
+    # g p (1 - s), the mean of p (1 - p) is the mean of p over g.
     slope = (1 - share) * p_g.mean()
     unit = slope if slope > 0 else np.inf  # without overlap no error is known
     return Bridge(

@@ -6,8 +6,8 @@ from typing import Literal, TypeAlias
 
 from ..evaluation.evaluator import Evaluation
 
-BEFORE = "first solve"  # who paid for what was solved before the search
-# The stages for which solves are kept.
+BEFORE = "first solve"  # the entry for solves before the search
+# The stages that have a reserve of solves.
 Kept: TypeAlias = Literal["adapt", "judge", "bend", "tune"]
 
 
@@ -17,7 +17,7 @@ class Ledger:
     Args:
         evaluator: Whose solves are counted.
         total: Solves that the search may take.
-        kept: Solves that nobody else may spend, by the stage that they are kept for.
+        kept: The reserve of each stage: solves that no other stage may spend.
 
     Attributes:
         spent: Solves by stage, in the order in which the stages began.
@@ -37,9 +37,9 @@ class Ledger:
         return self._evaluator.solves
 
     def end(self, *stages: Kept) -> int:
-        """Return at how many solves others must end, so that these stages have theirs.
+        """Return at how many solves others must end, to leave these their reserves.
 
-        Without stages it is what is kept for all of them.
+        Without arguments, the reserves of all stages are left untouched.
         """
         return self.total - sum(self.kept[stage] for stage in stages or self.kept)
 

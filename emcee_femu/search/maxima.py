@@ -12,16 +12,16 @@ from ..contracts import Floats
 from ..moves.mixture import GAUSSIAN, Mixture
 from .climbing import Maximum, distinct
 
-# Log evidence below the largest, from which a maximum gets no component.
+# A maximum gets no component if its log evidence is below the largest by this.
 NEGLIGIBLE = 12.0
-# Hits expected, of which none comes once in twenty times.
+# If 3 hits are expected, there is none with probability e^-3 = 0.05.
 HITS = 3
-# Share of the evidence from which a part is worth solves of its own.
+# A part that holds at least this share of the evidence is worth solves of its own.
 WORTH_SOLVES = 0.03
 
 
 class Gaussian(Protocol):
-    """What a maximum and a shoulder have: a Gaussian with its evidence."""
+    """A Gaussian with its evidence, which stands for a maximum or a shoulder."""
 
     @property
     def theta(self) -> Floats:
@@ -33,7 +33,7 @@ class Gaussian(Protocol):
 
     @property
     def log_evidence(self) -> float:
-        """Inside the bounds."""
+        """The log evidence inside the bounds."""
 
 
 class Maxima:
@@ -41,8 +41,8 @@ class Maxima:
 
     Args:
         ensembles: How many ensembles search.
-        coordinates: In which Gaussians may be: which parameters are seen by their
-            logarithms, ``(d,)``, or None for none.
+        coordinates: The coordinates in which the Gaussians may be: for each of them,
+            which parameters are replaced by their logarithms, ``(d,)``, or None.
 
     Attributes:
         found: The maxima, in the order in which they were found.
@@ -65,7 +65,7 @@ class Maxima:
 
     @property
     def log_evidence(self) -> float:
-        """What Laplace's approximations at all of them add up to."""
+        """The logarithm of the sum of Laplace's evidences of all parts."""
         return float(logsumexp([part.log_evidence for part in self.parts]))
 
     @property
@@ -87,7 +87,7 @@ class Maxima:
     def excess(self, theta: Floats, heights: Floats) -> Floats:
         """Return the log-posteriors ``(n,)`` beyond those of Gaussians at the parts.
 
-        In whichever coordinates these explain more.
+        The Gaussians are taken in whichever coordinates explain more.
         """
         gaussians = replace(self.mixture(), df=GAUSSIAN)
         explained = [
@@ -102,7 +102,7 @@ class Maxima:
         return np.asarray(mixture.matrices[nearest])
 
     def add(self, maximum: Maximum, ensemble: int) -> bool:
-        """Take in where a climb of an ensemble ended; return whether that is new."""
+        """Add the maximum where a climb ended; return whether it is new."""
         if not np.isfinite(maximum.log_evidence):
             return False
         last = len(self.found)

@@ -14,21 +14,21 @@ from ..moves.mixture import Mixture
 
 Labels: TypeAlias = NDArray[np.intp]
 
-# What a component is for.
+# The purposes of components.
 CORE = "core"
 DEFENSIVE = "defensive"
 TAIL = "tail"
 CARRIER = "carrier"
 
-# Weight of the defensive component, and its width by that of the core. It bounds the
-# importance weights where the others leave gaps, and in the tails (Hesterberg 1995,
-# doi:10.1080/00401706.1995.10484303).
+# Weight of the defensive component, and its width relative to that of the core. It
+# bounds the importance weights where the others leave gaps, and in the tails
+# (Hesterberg 1995, doi:10.1080/00401706.1995.10484303).
 DEFENCE_WEIGHT = 0.1
 DEFENCE_WIDTH = 2.0
-# Weight of all components that are added at once.
+# Largest total weight of components that are added at once.
 MOST_ADDED = 0.35
-# Squared distance of two centres, by the sum of the matrices, from which components
-# belong to separate maxima.
+# Squared distance of two centres, relative to the sum of their matrices, from which
+# components belong to separate maxima.
 MAXIMA_APART = 10.0
 # The maximum of the defensive component, which belongs to none.
 NO_MAXIMUM = -1
@@ -37,7 +37,7 @@ NO_MAXIMUM = -1
 class Component(NamedTuple):
     """A component to be added: weight, mean ``(d,)``, scale matrix ``(d, d)``.
 
-    In the coordinates of the mixture to which it is added.
+    The numbers are in the coordinates of the mixture to which it is added.
     """
 
     weight: float
@@ -65,7 +65,7 @@ class Proposal:
 
     @cached_property
     def law(self) -> Mixture:
-        """The mixture from which is drawn, with the defensive component."""
+        """The mixture that is drawn from, with the defensive component."""
         core = self.core
         mean = core.weights @ core.means
         apart = core.means - mean
@@ -81,7 +81,7 @@ class Proposal:
 
     @property
     def undefended(self) -> Mixture:
-        """The law of a draw that is not of the defensive component."""
+        """The law of draws that do not come from the defensive component."""
         return self.law.given(self.law_kinds != DEFENSIVE)
 
     def extended(self, added: Sequence[Component], kind: str) -> Self:
@@ -90,11 +90,11 @@ class Proposal:
         return type(self)(add_components(self.undefended, added), kinds)
 
     def separate(self) -> Labels:
-        """Return the maximum of each component of the law; of several that overlap one.
+        """Return the maximum of each component; components that overlap share one.
 
-        A carrier may span several maxima, and joins none. What was added for tails or
-        carriers makes no maximum of its own: it belongs to that of the nearest
-        component which was fitted. The defensive component belongs to none.
+        A carrier may span several maxima, so it does not join them. Components for
+        tails and carriers make no maximum of their own: they belong to that of the
+        nearest fitted component. The defensive component belongs to none.
         """
         means, matrices = self.core.means, self.core.matrices
         apart, sums = means[:, None] - means, matrices[:, None] + matrices

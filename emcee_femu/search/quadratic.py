@@ -6,13 +6,13 @@ from scipy.optimize import brentq, lsq_linear
 
 from ..contracts import Floats
 
-# Curvature at least: no direction is wider than 3.2 prior standard deviations.
+# Least curvature: no direction is wider than 3.2 prior standard deviations.
 LEAST_CURVATURE = 0.1
 # Curvature relative to the largest, below which it is rounding.
 CURVATURE_ROUNDED = 1e-14
-# Draws by which the probability of a box is known to a percent or two.
+# Draws from which the probability of a box is estimated to a percent or two.
 BOX_DRAWS = 1_000
-# Standard deviations beyond which a bound takes nothing away.
+# Standard deviations from which on a bound cuts off nothing.
 FAR_BOUND = 8.0
 
 
@@ -81,7 +81,7 @@ def _draw_about(
     nothing away, which fails where the mean is far outside several bounds.
 
     Args:
-        top: Where the Gaussian is largest inside the box.
+        top: The point inside the box where the Gaussian is largest.
         slope: The gradient of its logarithm there.
         mean: Its mean.
         covariance: Its covariance.
@@ -96,7 +96,7 @@ def _draw_about(
     order = np.argsort(room)  # the tightest first, for least scatter
     root = np.linalg.cholesky(covariance[np.ix_(order, order)])
     alone = np.diag(root) * slope[order]
-    pushed = root.T @ slope[order] - alone  # by the bounds of later coordinates
+    pushed = root.T @ slope[order] - alone  # by bounds of later coordinates
     uniform = np.random.default_rng(0).random((BOX_DRAWS, len(mean)))
     white = np.zeros_like(uniform)
     draws = np.empty_like(uniform)
@@ -117,13 +117,13 @@ def _cut_normal(
 
     .. math:: \frac{1}{\sqrt{2 \pi}} \int \exp(s w - \tfrac12 w^2) \, dw
 
-    However steep the slope s is, no digits are lost to the square of it.
+    No digits are lost to the square of the slope s, however steep it is.
     """
     mirrored = low > slope  # the lower tail keeps its digits
     a, b = np.where(mirrored, -high, low), np.where(mirrored, -low, high)
     s = np.where(mirrored, -slope, slope)
     start, stop, outside = a - s, b - s, b < s
-    with np.errstate(all="ignore"):  # of the branch not taken
+    with np.errstate(all="ignore"):  # in the branch not taken
         scaled = [np.log(0.5 * special.erfcx(-x / 2**0.5)) for x in (start, stop)]
         log_ratio = np.where(
             outside,
@@ -150,6 +150,16 @@ def make_positive(curvature: Floats) -> Floats:
     return np.asarray((vectors * np.maximum(np.abs(values), least)) @ vectors.T)
 
 
+def clip_curvature(curvature: Floats) -> Floats:
+    """Return the matrix with its eigenvalues made positive, by no more than rounding.
+
+    Those below zero become as good as zero: the density goes on as its slope does.
+    """
+    values, vectors = np.linalg.eigh(curvature)
+    least = CURVATURE_ROUNDED * max(1.0, values[-1])
+    return np.asarray((vectors * np.maximum(values, least)) @ vectors.T)
+
+
 def step_within(
     gradient: Floats, curvature: Floats, low: Floats, high: Floats
 ) -> tuple[Floats, float]:
@@ -166,7 +176,7 @@ def step_within(
 
 
 def find_damping(gradient: Floats, curvature: Floats, radius: float) -> float:
-    """Return what the diagonal must gain for a step no longer than the radius."""
+    """Return the number to add to the diagonal for a step no longer than the radius."""
     values, vectors = np.linalg.eigh(curvature)
     along = vectors.T @ gradient
 

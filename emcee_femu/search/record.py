@@ -47,25 +47,26 @@ class Chains:
         names: Parameter names.
         draws: ``(steps, ensembles, walkers, d)``; of a tempered run its cold walkers.
         log_prob: Log-posteriors ``(steps, ensembles, walkers)``.
-        acceptance: Of each walker, ``(ensembles, walkers)``; NaN where not known.
+        acceptance: Acceptance of each walker, ``(ensembles, walkers)``; NaN if unknown.
         blobs: The rest of the rows, ``(steps, ensembles, walkers, columns - 1)``; None
-            where there is none, or not asked for.
-        posterior: What was sampled, None where it is not known.
-        search: What "auto" found, None if it did not run.
+            if there is none, or if it was not asked for.
+        posterior: The sampled posterior, None if unknown.
+        search: The record of "auto", None if it did not run.
         betas: Powers of the likelihood of the blocks of walkers; one if untempered.
         kind: "chain", "population" (annealed), or "weighted" (draws with weights).
-        moves: In words.
-        seed: In words.
+        moves: The moves in words.
+        seed: The seed in words.
         origin: How the chain began, in words.
         failures: Failed solves by cause.
-        solves: Model solves spent; 0 where not known.
+        solves: Model solves spent; 0 if unknown.
         starts_given: Whether the walkers started where a user said.
-        doubts: What was warned of before the run, of the model or the prior.
+        doubts: Warnings before the run, about the model or the prior.
         stopped: Why the run ended, as in :class:`Run`.
         discard: Stored steps that were left out before these, as burn-in.
-        initial: The row at the prior mean, as of a file; None where not known.
-        plain: Whether they are of emcee alone, and of nothing that :func:`run` takes.
-        log_box: Of the box that is the prior of a bare log-likelihood; else NaN.
+        initial: The row at the prior mean, if a file has it; None if unknown.
+        plain: Whether they are of emcee alone, without anything that :func:`run` takes.
+        log_box: ln of the volume of the box that is the prior of a bare log-likelihood;
+            NaN for any other prior.
     """
 
     names: tuple[str, ...]
@@ -105,14 +106,16 @@ class Annealed(Report):
         log_evidence: Natural logarithm of the evidence.
         log_evidence_error: Its Monte Carlo standard error; infinite where none can be
             claimed.
-        effective_size: As many independent draws would know the mean as well, ``(d,)``.
+        effective_size: Number of independent draws that would estimate the mean equally
+            well, ``(d,)``.
         solves: Model solves spent.
-        failed_solves: Of these, how many failed and were taken for impossible.
+        failed_solves: How many of these failed, and were given a likelihood of zero.
         problems: Why no standard error can be claimed; usually none.
-        units: Of the parameters that have one, by name.
-        doubts: What was warned of before.
-        log_box: Of the box that is the prior of a bare log-likelihood; else NaN.
-        posterior: What was annealed.
+        units: Units of the parameters that have one, by name.
+        doubts: Warnings that were given before.
+        log_box: ln of the volume of the box that is the prior of a bare log-likelihood;
+            NaN for any other prior.
+        posterior: The annealed posterior.
     """
 
     names: tuple[str, ...]
@@ -189,7 +192,7 @@ class Annealed(Report):
 
 
 def about_box(log_box: float) -> Iterator[str]:
-    """Say of what a bare log-probability's evidence is, if there is a box."""
+    """Say which prior the evidence of a bare log-probability has, if it is a box."""
     if np.isfinite(log_box):
         yield (
             "The prior is uniform in the box. If your function already includes its "
@@ -217,7 +220,7 @@ class SearchRecord(Report):
         log_weights: ln(p / q) of some draws of the proposal; -inf where p is zero.
         points: How many points were searched.
         climbs: How many climbs there were.
-        annealed: Whether an annealed population was asked.
+        annealed: Whether an annealed population was used for the starts.
         solves: Evaluations in all.
         share: The share of independence proposals among the moves.
         trajectories: Arguments of a Hamiltonian move, where that pays; else None.
@@ -226,7 +229,7 @@ class SearchRecord(Report):
         from_prior: How many climbs began at draws of the prior, whatever their height.
         followed: By experiment, the number that each mode of the structure at the prior
             mean has at the maxima, ``(g, p)``; 0 where it lost its shape.
-        kurtosis: Of each parameter, by the weighted draws, ``(d,)``; 0 if unknown.
+        kurtosis: Kurtosis of each parameter by weighted draws, ``(d,)``; 0 if unknown.
         spent: Solves by stage of the search, those before it first; empty if unknown.
         kinds: What each component is for: "core", "tail", "carrier" or "defensive";
             empty if unknown.
@@ -269,7 +272,7 @@ class SearchRecord(Report):
 
     @property
     def followed_in(self) -> int:
-        """Solves by which modes were followed, which no evaluator counted."""
+        """Solves spent on following modes, which no evaluator counted."""
         return len(self.followed) * (len(self.weights) + 2)
 
     @property
@@ -301,7 +304,7 @@ class SearchRecord(Report):
 
     @property
     def sentence(self) -> str:
-        """What was done, in words."""
+        """The search in words."""
         count = len(self.weights)
         parts = [f"{100 * s:.0f} % {type(m).__name__}" for m, s in self.moves(None)]
         return (

@@ -1,4 +1,4 @@
-"""A response surface: what solves gave, as polynomials of the parameters.
+"""A response surface: polynomials of the parameters, fitted to solves.
 
 The density of a posterior may be bent where the response of the model hardly is:
 frequencies are smooth functions of the logarithms of stiffnesses. Polynomials that are
@@ -25,18 +25,18 @@ from .coordinates import Coordinates
 from .importance import resample
 from .proposal import Proposal
 
-# Terms of a polynomial at most: cubic for 9 to 12 parameters.
+# Most terms of a polynomial: it is cubic for 9 to 12 parameters.
 MOST_TERMS = 500
-# Its degree at most.
+# Highest degree of a polynomial.
 MOST_DEGREE = 4
-# Solves of the first fit, by the terms of a polynomial.
+# Solves for the first fit, per term of a polynomial.
 SOLVES_PER_TERM = 2
-# Fits after the first one, and how often draws are drawn for that at most, if they are
-# out of bounds or fail.
+# Fits after the first one; also the most attempts to draw for it, if draws are out of
+# bounds or fail.
 SURFACE_ROUNDS = 5
 # Solves for each fit.
 SURFACE_SOLVES = 600
-# Solves that a surface takes at most.
+# Most solves that a surface takes.
 SURFACE_COST = SOLVES_PER_TERM * MOST_TERMS + SURFACE_ROUNDS * SURFACE_SOLVES
 # Draws of a mixture from which walkers on a surface start.
 CHEAP = 8_000
@@ -47,7 +47,7 @@ INDEPENDENT = 0.3
 # Temperatures of walkers on a surface, with equal shares in the proposal. Hot ones see
 # tails that draws of the posterior hardly meet, where a walker would stay long.
 SURFACE_TEMPERATURES = (1.0, 2.0, 4.0)
-# Log-density per parameter below the largest, from where points weigh less.
+# Points weigh less if their log-density is below the largest by more, per parameter.
 WEIGHED_LEVEL = 2.0
 # Ridge that draws coefficients to zero, relative to one point.
 COEFFICIENT_RIDGE = 1e-6
@@ -63,13 +63,14 @@ class ResponseSurface:
     with the prior p itself. Called with ``theta (n, d)`` it returns ln c, ``(n,)``.
 
     Attributes:
-        prior: The prior; None where nothing is evaluated.
-        logs: Which parameters are seen by their logarithms, ``(d,)``.
-        centre: Of these coordinates, ``(d,)``.
-        scale: Their unit, ``(d,)``.
-        coefficients: Of r, of ln sd and of the rest, ``(2 m + 1, terms)``.
-        degree: Of the polynomials.
-        most: Of the rest at all solves; the polynomial may grow without bound.
+        prior: The prior; None if nothing will be evaluated.
+        logs: Which parameters are replaced by their logarithms, ``(d,)``.
+        centre: Centre of these coordinates, ``(d,)``.
+        scale: Unit of these coordinates, ``(d,)``.
+        coefficients: Those of r, of ln sd and of the rest, ``(2 m + 1, terms)``.
+        degree: Degree of the polynomials.
+        most: Largest rest at all solves. It is a limit, since the polynomial may grow
+            without bound.
     """
 
     prior: Prior | None
@@ -129,7 +130,7 @@ def fit_surface(
         prior: The prior.
         theta: Points ``(n, d)``.
         solved: Their log-posteriors, log-priors, deviations and standard deviations.
-        degree: Of the polynomials.
+        degree: Degree of the polynomials.
     """
     possible = np.isfinite(solved).all(axis=1)
     theta, solved = theta[possible], solved[possible]
@@ -174,7 +175,7 @@ def learn_surface(
     """Return a surface that is refined where its own draws are, and what proposes.
 
     Args:
-        evaluator: What evaluates.
+        evaluator: Evaluates the posterior.
         law: A proposal from which draws begin.
         rng: The random stream.
 

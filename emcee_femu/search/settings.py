@@ -5,15 +5,16 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Settings:
-    """What a run is sized by; the page "What auto does" has what half and twice do.
+    """The sizes of a run; the page "What auto does" shows the effect of half and twice.
 
     Attributes:
         sized_for: Evaluations of the chain for which a search is made if the run ends
-            by its verdict. More make a better proposal than the chain pays back.
-        least_budget: Solves that a search may take however short the chain is; twice
-            the evaluations of a longer chain.
-        searched_share: Points of a search by the evaluations of the chain.
-        most_searched: Points of a search at most. A bare density has as many as its
+            by its verdict. A larger search makes a better proposal, but the chain does
+            not gain what it costs.
+        least_budget: Solves that a search may take however short the chain is. Before a
+            longer chain it may take twice the evaluations of the chain.
+        searched_share: Ratio of the points of a search to the evaluations of the chain.
+        most_searched: Most points of a search. A bare density has as many as its
             chain up to then, since climbs by differences are dear. (38,400 of them took
             a quarter of 250,000 solves for one maximum; 2,000 found a needle in d = 4
             in 4 of 10 searches, 10,000 in 9.)
@@ -26,9 +27,10 @@ class Settings:
             response may do better.
         independence_shares: Pairs of an acceptance of the proposal, and the share of
             independence proposals in the chain from that acceptance on.
-        sd_at_end: Relative error of every standard deviation at which a run may end:
-            half of what a verdict asks for that is asked once, so that one run in fifty
-            ends with a standard deviation that is more than 12 % off.
+        sd_at_end: Relative error that every standard deviation must fall below before a
+            run may end. It is half of the verdict's limit, since a run that is judged
+            repeatedly would otherwise end too early by chance. (With it, one run in
+            fifty ends with a standard deviation that is more than 12 % off.)
     """
 
     sized_for: int = 10_000

@@ -19,7 +19,7 @@ from .quadratic import log_integral, make_positive
 
 # Standard deviations from a maximum at which its Gaussian is compared with the density.
 PROBED_AT = 3.0
-# Log-density beyond that of all Gaussians from which a point is unexplained.
+# A point is unexplained if its log-density exceeds that of all Gaussians by more.
 UNEXPLAINED = 2.0
 
 
@@ -28,8 +28,9 @@ class Shoulder(NamedTuple):
 
     Attributes:
         theta: Its mean, ``(d,)``, inside the bounds.
-        covariance: ``(d, d)``.
-        log_evidence: Inside the bounds; no more than the density at its mean allows.
+        covariance: Its covariance, ``(d, d)``.
+        log_evidence: Its log evidence inside the bounds, lowered if the density at its
+            mean is lower than the quadratic predicts.
     """
 
     theta: Floats
@@ -47,16 +48,16 @@ def find_shoulders(
 ) -> None:
     """Add shoulders to the maxima, where points beside these are not explained.
 
-    From those points, and from all that were explored, it goes on with the highest that
-    is not explained, until so many in a row hold little of the evidence.
+    Of those points and all explored ones, the highest unexplained one comes next, until
+    ``fruitless`` shoulders in a row hold little of the evidence.
 
     Args:
-        evaluator: What evaluates.
+        evaluator: Evaluates the posterior.
         maxima: The maxima, which get the shoulders.
         points: Points that were explored, ``(n, d)``.
         heights: Their log-posteriors, ``(n,)``.
-        fruitless: How many.
-        most: Solves after which no shoulder is looked for.
+        fruitless: Number of shoulders in a row after which the search ends.
+        most: Solves after which no further shoulder is fitted.
     """
     probed, failed = 0, 0
     while evaluator.solves < most and failed < fruitless:
@@ -74,14 +75,15 @@ def find_shoulders(
         points, heights = (np.delete(x, highest, axis=0) for x in (points, heights))
         share = shoulder.log_evidence - maxima.log_evidence if shoulder else -np.inf
         failed = 0 if share > np.log(WORTH_SOLVES) else failed + 1
-        if shoulder and share > -NEGLIGIBLE:  # beside which others may be
+        if shoulder and share > -NEGLIGIBLE:  # there may be others beside it
             maxima.shoulders.append(shoulder)
 
 
 def _beside(evaluator: Evaluation, part: Gaussian) -> Floats:
     """Return points on both sides of a Gaussian along its principal axes, ``(2 d, d)``.
 
-    Axes are those in standard deviations of the prior, inside the bounds.
+    The axes are those in units of prior standard deviations; the points are clipped to
+    the bounds.
     """
     scale = Coordinates.plain(evaluator.posterior.prior).scale
     values, vectors = np.linalg.eigh(part.covariance / np.outer(scale, scale))

@@ -1,7 +1,7 @@
 """Follow the tails of a posterior outwards, to arms that its draws do not see.
 
 A thin arm begins where a posterior seems to end. It may hold little of the mass and
-much of the variance, and a chain that never met it looks well.
+much of the variance, and a chain that never met it looks converged.
 """
 
 import numpy as np
@@ -20,16 +20,16 @@ TAIL_SHARE = 0.003
 TAIL_WIDTH = 0.8
 # Share of the variance below which what lies in a slab does not matter.
 TAIL_MATTERS = 1e-3
-# A slab is known by its draws if they hold so many errors of their share: 20 draws.
+# The draws in a slab tell its share if that is this many standard errors: 20 draws.
 WELL_SEEN = 4.5
-# Five draws will do, if Laplace's approximation finds at most twice as much there.
+# Five draws are enough if Laplace's approximation finds at most twice their share.
 SEEN = 2.2
 AGREE = 2.0
-# Share of a variance, below which tails leave a standard deviation right to 5 %.
+# Tails with less than this share of a variance change an sd by less than 5 %.
 TAIL_PART = 0.1
-# Width of a component at most, in standard deviations of the posterior.
+# Largest width of a component, in standard deviations of the posterior.
 WIDEST = 2.0
-# Weight of the components by the share of the variance that Laplace says. (Mass-spring,
+# Weight of the components relative to Laplace's share of the variance. (Mass-spring,
 # whose tail is .14 of a variance and .26 to .29 by Laplace: with 1 the draws are .5
 # instead of .6 effective, and runs take 12,200 instead of 11,200 solves.)
 TAIL_WEIGHT = 0.5
@@ -57,24 +57,25 @@ def follow_tails(campaign: Campaign) -> None:
 def climb_tails(
     evaluator: Evaluation, archive: Archive, most: float
 ) -> list[Component]:
-    """Return components for slabs that hold variance and are hardly seen by draws.
+    """Return components for slabs that hold variance but hardly any draws.
 
-    From a value of a parameter that few draws pass, slabs outwards are climbed in turn,
-    to where nothing matters to its variance. Laplace's evidence of a slab is what lies
-    in it.
+    From a value of a parameter that few draws exceed, one slab after another is
+    climbed outwards, until one no longer matters to the variance. The mass of a slab is
+    its evidence by Laplace's approximation.
 
     Args:
-        evaluator: What evaluates.
+        evaluator: Evaluates the posterior.
         archive: Weighted draws.
         most: Solves after which no climb begins.
     """
     dimensions = archive.x.shape[1]
-    if archive.effective < 2 * dimensions:  # of which a covariance may be singular
+    if archive.effective < 2 * dimensions:  # their covariance may be singular
         return []
+    # One parameter a round: the new components may cover the tails of the others.
     for j in range(dimensions):
         lower, upper = (_follow(evaluator, archive, j, side, most) for side in (0, 1))
         if lower or upper:
-            return lower + upper  # which other parameters may see too
+            return lower + upper
     return []
 
 
@@ -104,7 +105,7 @@ def _follow(
         else:
             start = np.clip(place + way, *box.T)
             (top,) = climb(evaluator, start[None], guess, box=box, masses=True)
-            # Its share of what is known then, which may be nearly all.
+            # Its share of all mass that is then known, which may be nearly one.
             mass = float(expit(top.log_evidence - archive.log_evidence))
             part = mass * square
             end, way = top.theta, top.theta - place
@@ -121,7 +122,7 @@ def _follow(
     total = sum(part for part, *_ in found)
     if total < TAIL_PART:
         return []
-    # Alike, since a slab that is hardly met says little of what it holds.
+    # They get equal weights, since the mass of a slab with few draws is hardly known.
     weight = TAIL_WEIGHT * total / len(found)
     return [Component(weight, mean, matrix) for _, mean, matrix in found]
 
@@ -129,7 +130,7 @@ def _follow(
 def _within(
     top: Maximum, j: int, box: Floats, way: Floats, widest: Floats
 ) -> tuple[Floats, Floats]:
-    """Return mean and matrix of what is in a slab of parameter j.
+    """Return mean and scale matrix of the component for a slab of parameter j.
 
     It is stretched along the way through the slab. At a bound of another parameter the
     density is an exponential, whose mean is one spread inside. A kink, or a density

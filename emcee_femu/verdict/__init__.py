@@ -1,4 +1,4 @@
 """The verdict on chains: their numbers, and what speaks against them.
 
-A run asks it; what data and model say of each other is judged in results.
+A run ends by it. Whether the model fits the data is judged in results.
 """

@@ -1,14 +1,15 @@
 """Burn-in: how many steps a chain takes to forget where it began.
 
-What is looked at are two series for each parameter and ensemble, means over walkers of
-z and of z^2, by which a chain that comes from elsewhere differs in place or in width.
+Two series are used for each parameter and ensemble: the means over walkers of z and of
+z^2. A chain that begins elsewhere differs in the first by its place, and in the second
+by its width.
 """
 
 import numpy as np
 
 from ..contracts import Floats
 
-FEWEST_STEPS = 8  # that can be judged
+FEWEST_STEPS = 8  # fewest that can be judged
 # z^2 is cut here, five standard deviations: a single walker far outside then says as
 # little as one that has nearly arrived.
 MOST_SQUARED = 25.0
@@ -20,10 +21,10 @@ def find_burn_in(draws: Floats, rungs: int = 1) -> int:
     .. math:: b = \arg\min_{b \le n / 2} \sum_j
         \frac{\operatorname{var}(y_{j, b + 1}, \ldots, y_{j, n})}{s_j^2 (n - b)}
 
-    That is the marginal standard error rule, with one b for all series y: the squared
-    standard errors of their means, each relative to its variance s^2 in the second
-    half, are least in sum. What a start adds to the variance is left out, and no more
-    than that pays for. Of tempered walkers it is the largest b of all temperatures.
+    This is the marginal standard error rule, with one b for all series y: it minimises
+    the sum of the squared standard errors of their means, each relative to the variance
+    s^2 of the second half. Steps are dropped only while that lowers the standard error.
+    For tempered walkers it is the largest b of all temperatures.
 
     Args:
         draws: ``(steps, ensembles, walkers, d)``.
@@ -61,7 +62,7 @@ def _fewest(series: Floats) -> int:
 def means_over_walkers(draws: Floats) -> Floats:
     """Return the means over walkers of z and z^2, ``(steps, ensembles, 2 d)``."""
     late = draws[len(draws) // 2 :]
-    with np.errstate(divide="ignore", invalid="ignore"):  # of what never moves
+    with np.errstate(divide="ignore", invalid="ignore"):  # for what never moves
         z = draws - np.median(late, axis=(0, 1, 2))
         z = z / late.std(axis=(0, 1, 2))
     both = np.concatenate([z, np.minimum(z**2, MOST_SQUARED)], axis=-1)

@@ -25,8 +25,8 @@ from .statistics import (
 )
 
 CONVERGED, MIXED, NOT_CONVERGED = "converged", "well mixed", "not converged"
-NO_CHAINS = "none"  # of a population, or of weighted draws
-REFUSED = "refused"  # of an emulated posterior that full solves contradict
+NO_CHAINS = "none"  # for a population, or weighted draws
+REFUSED = "refused"  # an emulated posterior that full solves contradict
 SEARCHED, NOT_SEARCHED = "searched", "not searched"
 
 
@@ -38,7 +38,7 @@ class Statement:
         status: A word or two that never vary, such as "converged".
         short: The status in a few words, with its reason.
         sentence: The same at length, and what to do.
-        reasons: All that speaks against chains, in a word or two each.
+        reasons: All that speaks against the chains, in a word or two each.
     """
 
     status: str
@@ -48,7 +48,7 @@ class Statement:
 
 
 class Cures(NamedTuple):
-    """What mends chains, in the words of what made them."""
+    """Remedies for chains, in terms of the function that made them."""
 
     steps: str
     ensembles: str
@@ -79,9 +79,8 @@ class Diagnosis(Report):
         names: Parameter names, ``d`` of them.
         steps: Stored steps per ensemble, after burn-in.
         discard: Stored steps that were left out before these, as burn-in.
-        drift: How many of ``steps`` are a way in from elsewhere, which the other
-            numbers then include; 0 if none are seen, and all of them if what follows
-            drifts as well.
+        drift: How many of the first ``steps`` still drift; the other numbers include
+            them. 0 if no drift is seen, all steps if the later ones drift as well.
         tau: Integrated autocorrelation time in stored steps, ``(ensembles, d)``; NaN
             if no walker moved.
         steps_per_tau: ``steps / tau`` of the worst ensemble, ``(d,)``. Below 25 a chain
@@ -231,7 +230,7 @@ class Diagnosis(Report):
 
 
 def measure(chains: Chains) -> Diagnosis:
-    """Return the numbers of chains, not judged.
+    """Return the numbers of chains, without a judgement.
 
     Raises:
         ValueError: If there are too few steps.
@@ -267,7 +266,7 @@ def measure(chains: Chains) -> Diagnosis:
         steps_per_tau = steps / tau.max(axis=0)
         kurtosis = 1 + squares.var(axis=(0, 1, 2)) / squares.mean(axis=(0, 1, 2)) ** 2
         seen = 0.0 if chains.search is None else chains.search.kurtosis
-        if np.shape(seen) == kurtosis.shape:  # of a tail that chains may have missed
+        if np.shape(seen) == kurtosis.shape:  # for a tail that chains may have missed
             kurtosis = np.fmax(kurtosis, seen)
         sd_error = 0.5 * np.sqrt((kurtosis - 1) / of_squares)
         if maxima is not None:

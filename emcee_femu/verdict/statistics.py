@@ -1,7 +1,7 @@
 """The numbers of a verdict: R-hat, ESS, tau, scatter, waits, weights of maxima.
 
-They lie below :func:`.run`, which may ask them. The only module that imports ArviZ,
-which takes seconds: it is imported where it is used.
+They lie below :func:`.run`, which ends by them. ArviZ takes seconds to import;
+:func:`load_arviz` imports it when it is first needed.
 """
 
 import warnings
@@ -20,12 +20,14 @@ from ..search.record import Chains
 from ..table import Parts, Report, Table
 from .burn_in import FEWEST_STEPS, find_burn_in, means_over_walkers
 
-FEWEST_ENSEMBLES = 3  # of which the scatter is known
-FALSE_ALARM = 1e-4  # its probability, over all parameters
+FEWEST_ENSEMBLES = 3  # fewest whose scatter can be judged
+FALSE_ALARM = 1e-4  # probability of a false alarm, over all parameters
 TAU_KNOWN_TO = 1.5  # ratio by which a variance claimed from tau may be too small
 TAILS = (0.05, 0.95)
-MOST_WEIGHED = 20_000  # draws at once, and those whose Pareto k is found
-MOST_BY_OTHERS = 0.5  # share of independence proposals; of fewer, others end waits
+MOST_WEIGHED = 20_000  # draws in a batch, and most draws for Pareto k
+# Share of independence proposals among the steps. Below this share, other moves end
+# most waits, and waits say nothing.
+LEAST_INDEPENDENT = 0.5
 
 
 def load_arviz() -> Any:
@@ -38,7 +40,7 @@ def load_arviz() -> Any:
 
 
 def spread_out(n: int, most: int) -> NDArray[np.intp]:
-    """Return which of n draws to take where ``most`` will do, evenly spread."""
+    """Return the places of at most ``most`` of n draws, evenly spread."""
     return np.linspace(0, n - 1, min(n, most)).astype(np.intp)
 
 
@@ -73,9 +75,9 @@ def _by_parameter(statistic: Any, chains: Floats, **options: Any) -> Floats:
 
 
 def tau_by_ensemble(values: Floats, moved: NDArray[np.bool_]) -> Floats:
-    """Return emcee's tau by ensemble, ``(ensembles, d)``, of those walkers that moved.
+    """Return emcee's tau of each ensemble's walkers that moved, ``(ensembles, d)``.
 
-    However short they are: diagnose reports steps / tau itself.
+    Short chains are accepted, since diagnose reports steps / tau itself.
     """
     taus = np.full((values.shape[1], values.shape[3]), np.nan)
     for ensemble in np.flatnonzero(moved.any(axis=1)):
@@ -90,8 +92,8 @@ def excess_scatter(values: Floats, tau: Floats) -> Floats:
     .. math:: \chi^2 = \sum_e \frac{(\bar x_e - \bar x)^2}{v_e},
         \qquad v_e = \frac{s^2 \tau_e}{\mathrm{steps} \cdot \mathrm{walkers}}
 
-    over its quantile for ``ensembles - 1`` degrees of freedom: above 1 the errors that
-    tau claims are too small, or an ensemble is somewhere else.
+    relative to its quantile for ``ensembles - 1`` degrees of freedom. Above 1, the
+    errors that follow from tau are too small, or an ensemble is somewhere else.
 
     Args:
         values: Draws, or functions of them, ``(steps, ensembles, walkers, d)``.
@@ -99,7 +101,7 @@ def excess_scatter(values: Floats, tau: Floats) -> Floats:
             whose values never change, NaN, gets the longest of the others.
 
     Returns:
-        The ratios; NaN for fewer than three ensembles, which do not tell.
+        The ratios; NaN for fewer than three ensembles, which cannot be judged.
     """
     steps, n_ensembles, n_walkers, d = values.shape
     if n_ensembles < FEWEST_ENSEMBLES:
@@ -107,7 +109,7 @@ def excess_scatter(values: Floats, tau: Floats) -> Floats:
     tau = np.where(np.isfinite(tau), tau, np.fmax.reduce(tau))  # NaN if all are
     variance = values.var(axis=(0, 1, 2)) * tau / (steps * n_walkers)
     means = values.mean(axis=(0, 2))
-    with np.errstate(divide="ignore", invalid="ignore"):  # of what never changes
+    with np.errstate(divide="ignore", invalid="ignore"):  # for what never changes
         centre = (means / variance).sum(axis=0) / (1 / variance).sum(axis=0)
         squares = ((means - centre) ** 2 / variance).sum(axis=0)
     most = stats.chi2.isf(FALSE_ALARM / d, n_ensembles - 1)
@@ -115,10 +117,10 @@ def excess_scatter(values: Floats, tau: Floats) -> Floats:
 
 
 def sizes_by_means(draws: Floats) -> tuple[Floats, Floats]:
-    """Return bulk and tail ESS by how much the means over the walkers scatter."""
+    """Return bulk and tail ESS from the scatter of the means over walkers."""
     scores = stats.rankdata(draws.reshape(-1, draws.shape[-1]), axis=0)
     scores = stats.norm.ppf((scores - 0.375) / (len(scores) + 0.25))
-    # Ranks make little of the gap between maxima, over which the draws mix slowest.
+    # Ranks shrink the gap between maxima, across which the draws mix slowest.
     bulk = [size_by_means(values) for values in (draws, scores.reshape(draws.shape))]
     ends = np.quantile(draws, TAILS, axis=(0, 1, 2))
     tails = [size_by_means(1.0 * (draws <= end)) for end in ends]
@@ -128,7 +130,7 @@ def sizes_by_means(draws: Floats) -> tuple[Floats, Floats]:
 def size_by_means(values: Floats) -> Floats:
     """Return the ESS of the mean of ``values (steps, ensembles, walkers, d)``.
 
-    By the means over walkers that exchange places: var / var(mean).
+    It is var / var(mean), with the mean over walkers, which may exchange places.
     """
     series = values.mean(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -137,9 +139,9 @@ def size_by_means(values: Floats) -> Floats:
 
 
 def find_drift(draws: Floats) -> int:
-    """Return how many steps of a chain are still its way in, 0 where none are seen.
+    """Return how many first steps of a chain drift, 0 if no drift is seen.
 
-    They are all of its steps if what follows :func:`.find_burn_in` drifts as well.
+    All of its steps drift if those after :func:`.find_burn_in` do so as well.
     The means of all series over the first half, quarter, eighth ... of the steps are
     compared with those over the second half, by the standard error that the second half
     claims for as many steps (the test of Geweke, 1992, for several lengths).
@@ -153,12 +155,12 @@ def find_drift(draws: Floats) -> int:
     if half < shortest:
         return 0
     late = series[half:]
-    sizes = mean_sizes(late.swapaxes(0, 1)) / len(late)  # by step, of all ensembles
+    sizes = mean_sizes(late.swapaxes(0, 1)) / len(late)  # per step of all ensembles
     lengths = []
     while half >= shortest:
         lengths.append(half)
         half //= 2
-    # By F, since so few independent values tell the variance.
+    # The F law is used, since so few independent values tell the variance.
     known = np.fmax(sizes * len(late) - 1, 1.0)
     least = stats.f.isf(FALSE_ALARM / (m * len(lengths)), 1, known)
     for length in lengths:
@@ -170,6 +172,9 @@ def find_drift(draws: Floats) -> int:
             burn_in = max(find_burn_in(draws), shortest)
             return steps if find_drift(draws[burn_in:]) else burn_in
     return 0
+
+
+PRINTED = 0.0005  # the least weight that three decimals show
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -187,7 +192,7 @@ class MaximaWeights(Report):
             that walkers wait for an accepted proposal at each place, ``(d,)``; NaN if
             most of their steps are of other moves.
         sd_error: Relative standard error of each standard deviation, likewise.
-        reached: Whether a search ended or a walker started there, ``(g,)``.
+        reached: Whether a climb ended or a walker started there, ``(g,)``.
         pareto_k: Pareto k of the proposal's importance weights, at its refinement.
         chain_k: The same, from the draws of the chain.
         efficiency: Effective share of the proposal's draws.
@@ -213,6 +218,13 @@ class MaximaWeights(Report):
 
     def _parts(self) -> Parts:
         return (self.table,)
+
+    @property
+    def held(self) -> int:
+        """How many maxima have a weight that is printed as more than zero."""
+        return int(
+            (~(np.fmax(self.importance, self.weights.mean(axis=0)) < PRINTED)).sum()
+        )
 
     @property
     def table(self) -> Table:
@@ -247,7 +259,7 @@ def weigh_maxima(chains: Chains) -> MaximaWeights | None:
     indicators = 1.0 * (labels[..., None] == np.arange(count))
     accepted = independence_acceptance(log_weights, softmax(-log_weights))
     counts = np.bincount(owner, minlength=count)
-    with np.errstate(invalid="ignore"):  # of maxima without a draw
+    with np.errstate(invalid="ignore"):  # for maxima without a draw
         acceptance = np.bincount(owner, accepted, count) / counts
     # Draws of p, not of q, have the tail index k / (1 - k).
     k = pareto_k(log_weights[spread_out(len(flat), MOST_WEIGHED)])
@@ -258,7 +270,7 @@ def weigh_maxima(chains: Chains) -> MaximaWeights | None:
     by_ensemble = indicators.mean(axis=(0, 2))
     total = by_ensemble.mean(axis=0)
     sizes = np.where(np.isfinite(sizes), sizes, labels.size)
-    # Of a maximum without draws, or with nothing else, as if there were one other draw.
+    # If a maximum has no draws, or all of them, assume one draw to the contrary.
     variance = np.maximum(total * (1 - total), 1 / sizes)
     return MaximaWeights(
         weights=by_ensemble,
@@ -279,16 +291,16 @@ def weigh_maxima(chains: Chains) -> MaximaWeights | None:
 
 
 def _errors(flat: Floats, accepted: Floats, share: float) -> tuple[Floats, Floats]:
-    r"""Return the errors that waits make of means and standard deviations, ``(d,)``.
+    r"""Return the errors of means and standard deviations from waits, ``(d,)`` each.
 
     .. math:: \epsilon^2 = \frac{1}{n} E_p\left[ h^2 \left( \frac{2}{s a} - 1
         \right) \right], \qquad h = \max(1, |z|), \quad \frac{z^2 - 1}{2}
 
-    That is how long walkers stay that leave a place with probability s a, by accepted
-    independence proposals, a share s of their steps; where these are the lesser part,
-    nothing is known. h is at least one because a part near the mean has a weight too.
+    Walkers leave a place with probability s a, where s is the share of independence
+    proposals among their steps and a the acceptance of these. If s is at most a half,
+    the errors are NaN. h is at least 1 because a part near the mean has a weight too.
     """
-    if share <= MOST_BY_OTHERS:
+    if share <= LEAST_INDEPENDENT:
         unknown = np.full(flat.shape[1], np.nan)
         return unknown, unknown
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,6 +1,6 @@
-"""The verdict on chains: what speaks against their numbers, and what mends it.
+"""The verdict on chains: what speaks against them, and what would help.
 
-Below :func:`.run`, which may end by it.
+This module lies below :func:`.run`, which may end by the verdict.
 """
 
 from collections.abc import Iterator
@@ -14,35 +14,35 @@ from .statistics import MaximaWeights
 
 # Steps per autocorrelation time below which tau itself is unreliable. (emcee centres
 # each walker on its own mean, so an estimate is .7 of tau on average. The largest of
-# four ensembles of ten walkers is .84 of it, and .96 where there are five parameters.
-# At 50 tau, which emcee asks of a chain, .83, .96 and 1.1. ESS does not depend on it.)
+# four ensembles of ten walkers is .84 of it, and .96 with five parameters. At 50 tau,
+# which emcee asks of a chain, these are .83, .96 and 1.1. ESS does not depend on it.)
 STEPS_PER_TAU = 25
 GOOD_RHAT = 1.01  # Vehtari et al. (2021), doi:10.1214/20-BA1221
-# R-hat over walkers is about sqrt(1 + 2 tau / steps), 1.02 at 50 tau, and the worst of
-# four ensembles and five parameters 1.03. More means walkers that stay apart, which tau
-# cannot see. In shorter chains more is let pass, as that grows: 1.1 at 25 tau, where
-# the worst is 1.06, in one of twenty runs above 1.08.
+# R-hat over walkers is about sqrt(1 + 2 tau / steps): 1.02 at 50 tau, and 1.03 in the
+# worst of four ensembles and five parameters. A larger one means that walkers stay
+# apart, which tau cannot see. The limit grows for shorter chains as R-hat does: it is
+# 1.1 at 25 tau, where the worst is 1.06, and above 1.08 in one of twenty runs.
 WALKERS_APART = 1.05
 SD_KNOWN_TO = 0.1  # relative standard error of a standard deviation
 ERRORS_APART = 4.0  # between two estimates of a weight
 SMALL_WEIGHT = 0.005  # a weight, or a difference of two, that does not matter
 ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays at a maximum
-MEAN_KNOWN_TO = 0.05  # sds, with the waits of walkers at places of poor acceptance
+MEAN_KNOWN_TO = 0.05  # in sds, including waits at places of poor acceptance
 WEIGHT_KNOWN_TO = MEAN_KNOWN_TO / ERRORS_APART  # standard error of a weight
-STUCK_BY_CHANCE = 0.05  # walkers that may not have moved yet in a short chain
+STUCK_BY_CHANCE = 0.05  # expected walkers that have not moved yet in a short chain
 TOO_SHORT = "too short"
 BEGINS_ELSEWHERE = "the chain begins elsewhere"
 LENGTH_MARGIN = 1.25  # since tau and errors are estimates themselves
-MUCH = 4.0  # times longer, where no number says how much
-MUCH_TOO_SHORT = 1_000.0  # times longer: of more it is only said that it is more
-MOST_LONGER = 10.0  # times longer, above which it is not length that lacks
-# In a few words, in a sentence, and how many times longer a chain would mend it; 0
-# where none would, and the sentence says what does.
+MUCH = 4.0  # times longer, if no number says how much
+MUCH_TOO_SHORT = 1_000.0  # times longer; for more, the verdict says at least so much
+MOST_LONGER = 10.0  # times longer, above which a longer chain is not the remedy
+# The complaint in a few words, in a sentence, and the factor of length that would
+# remove it; 0 if no longer chain would, and the sentence names the remedy.
 Complaint: TypeAlias = tuple[str, str, float]
 
 
 def judge_chains(diagnosis: Diagnosis, starts_given: bool) -> Statement:
-    """Say whether the chains converged; if not, what speaks first and what mends it."""
+    """Say whether the chains converged; if not, name the first reason and a remedy."""
     if complaints := list(_complaints(diagnosis)):
         short, sentence, longer = complaints[0]
         if longer:
@@ -70,13 +70,13 @@ def judge_chains(diagnosis: Diagnosis, starts_given: bool) -> Statement:
 
 
 def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
-    """Yield what speaks against the chains, the plainest first."""
+    """Yield what speaks against the chains, the plainest complaint first."""
     names, stuck, maxima = diagnosis.names, diagnosis.stuck, diagnosis.maxima
     places = f"(ensemble, walker): {list(stuck[:5])}"
     sentence = f"they never moved, {places}; {diagnosis.cures.stuck}"
     complaint = f"{len(stuck)} walkers stuck", sentence, 0.0
     moving = diagnosis.acceptance[diagnosis.acceptance > 0]
-    # So many of the others would be still there by chance after as many steps.
+    # The expected number of walkers that have not moved after as many steps by chance.
     by_chance = ((1 - moving) ** diagnosis.steps).sum()
     if stuck and by_chance < STUCK_BY_CHANCE:
         yield complaint
@@ -92,7 +92,8 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
     within, between = diagnosis.rhat_within, diagnosis.rhat_between
     fewer = np.fmax(1.0, 2 * STEPS_PER_TAU / diagnosis.steps_per_tau)
     apart = np.sqrt(1 + (WALKERS_APART**2 - 1) * fewer)
-    # Values, their best, their limit, and by which power of them a chain is too short.
+    # Values, their best, their limit, and the power that turns the excess into a factor
+    # of length.
     for values, best, limit, power, short, what in (
         (diagnosis.steps_per_tau, 0, STEPS_PER_TAU, -1, TOO_SHORT, "steps/tau"),
         (within, 1, apart, 1, "walkers stay apart", "R-hat over walkers"),

@@ -70,7 +70,7 @@ compared
 #
 # | column | meaning |
 # |---|---|
-# | FE solves | of the whole run; proposals out of bounds cost none |
+# | solves | of the whole run; proposals out of bounds cost none |
 # | before chain | evaluations for the starts, and for the search of "auto" |
 # | burn-in | steps that the run found to be its way in, and that are left out; "auto" has none |
 # | acceptance | share of accepted proposals |

@@ -42,6 +42,15 @@ table
 # moment of area, and there are no DOFs out of the plane. Lengths are in m, forces in N,
 # densities in kg/m³. `(1e9, "columns")` is 10⁹ times a parameter, so that the moduli are
 # in GPa. Bars are divided so that the frame can bend in between.
+#
+# If the feet may turn, support them as `"pinned"`, with a rotational spring to the ground
+# (`None`) whose stiffness is a parameter, `"base"` in MN m/rad:
+#
+# ```python
+# supports = {0: "pinned", 14: "pinned"}
+# springs = [(foot, None, {"ry": (1e6, "base")}) for foot in supports]
+# model = ef.FrameModel(nodes, bars, sections, supports, springs=springs, **frame)
+# ```
 
 # %%
 HEIGHT, SPAN = 4.0, 6.0  # m

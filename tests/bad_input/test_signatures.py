@@ -197,7 +197,16 @@ class Emulated:
     [
         (lambda: ef.run(Emulated(), seed=1), TypeError, r"\.posterior"),
         (lambda: ef.run(PAPER, ef.DEMCMove, seed=1), TypeError, r"DEMCMove\(\)"),
-        (lambda: ef.run(lambda theta: 0.0, seed=1), TypeError, "from_function"),
+        *(
+            (partial(call, lambda theta: 0.0), TypeError, "from_function")
+            for call in (
+                partial(ef.run, seed=1),
+                partial(ef.find_map, seed=1),
+                partial(ef.anneal, seed=1),
+                partial(ef.emulate, seed=1),
+                partial(ef.compare_moves, moves={"auto": "auto"}, steps=100, seed=1),
+            )
+        ),
         (lambda: ef.diagnose(Emulated()), TypeError, r"\.posterior"),
         (lambda: PAPER.model([1.0]), TypeError, "{name"),
         (

@@ -134,6 +134,7 @@ def test_what_spreadsheets_add_does_not_matter(change, tmp_path):
         (",", "|", "line 1: .*separated by commas, semicolons or tabs"),
         ("1.0,0.62", "n/a,0.62", "line 4, column 'mode 1': .*'n/a'.*blank"),
         ("3.13,9.83", "3.13,", "line 2, column 'mode 2': .*no column"),
+        ("quantity", "Mode", "line 1: .*pandas.*shapes="),
         ("sd [Hz]", "sigma", "line 3, column 'quantity': .*'sigma'"),
         ("0.01,0.02", "0,01,0,02", "line 3: 7 cells under 5 titles.*decimal point"),
         ("floor 1,6", "floor 1,", "column 'dof': .*'floor 1' has none"),

@@ -135,7 +135,9 @@ def test_nan_is_a_failed_solve():
         (gaussian, {"args": CENTRE}, TypeError, "args"),
         (gaussian, {"kwargs": [SD]}, TypeError, "kwargs"),
         (gaussian, {"vectorize": "yes"}, TypeError, "vectorize"),
-        (gaussian, {"prior": [(0, 1)]}, TypeError, "prior"),
+        (gaussian, {"prior": [(0, 1)]}, TypeError, r"prior.*\{\"a\": \(0, 1\)"),
+        (gaussian, {"prior": np.array([(-4, 4)] * 2)}, TypeError, r'"a": \(-4, 4\)'),
+        (gaussian, {"prior": [1, 2]}, TypeError, "prior"),
         (gaussian, {"prior": {"a": (1, 0)}}, ValueError, "'a'"),
         (lambda x: None, {}, TypeError, "log_likelihood.*None"),
         (lambda x: (x, 1), {}, ValueError, r"log_likelihood.*\(2,\)"),
@@ -156,3 +158,13 @@ def test_a_blob_of_another_shape_elsewhere_is_refused():
     posterior = of(lambda x: (0.0, np.zeros(1 if x[0] > 0 else 2)), BOX)
     with pytest.raises(ValueError, match="blob0"):
         posterior([[-1.0, 0.0], [1.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("function", "vectorize"),
+    [(lambda x: -x @ np.eye(3) @ x, False), (lambda x: x @ np.ones(4), True)],
+)
+def test_a_box_of_too_few_names_is_named(function, vectorize):
+    with pytest.raises(ValueError) as caught:
+        of(function, BOX, vectorize=vectorize)
+    assert any("2" in note and "'a', 'b'" in note for note in caught.value.__notes__)

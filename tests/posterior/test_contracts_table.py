@@ -251,6 +251,17 @@ def reported(kind, given, attribute):
     return f"Its {attribute}." in write_report(kind, given)
 
 
+def inferred(kind, given):
+    """The report names the parameter that is the error."""
+    named = {"names": ("c",), "symbol": "s"} | ({"discrepancy": "c"} if given else {})
+    at = posterior_of(kind, None, named, PRIOR | {"c": stats.halfnorm(scale=0.1)})
+    with TemporaryDirectory() as folder:
+        path = ef.report(sample(at), Path(folder) / "report.html", posterior=at)
+        text = path.read_text(encoding="utf-8")
+    assert "No error of the model" not in text
+    return "it is the parameter" in text
+
+
 def gaussian(kind, given):
     terms = {} if given else {"deviations": None, "restore": None}
     data = ef.diagnose(sample(posterior_of(kind, None, terms))).data
@@ -282,6 +293,7 @@ CASES = {
     ("deviations", "term"): gaussian,
     ("restore", "term"): drawable,
     ("error_sd", "term"): stated,
+    ("discrepancy", "term"): inferred,
     ("statement", "term"): of("statement", reported),
     ("formula", "term"): of("formula", reported),
     ("symbol", "term"): of("symbol", reported),

@@ -154,10 +154,23 @@ def test_a_spurious_mode_that_parameters_follow_is_told_by_the_prior_mean():
         )
         for label, (mac, before) in macs.items()
     ]
-    judged = judge_modes(experiment, {}, {}, found)
+    judged = judge_modes(experiment, found)
     assert [r.label for r in judged if r.status == RESEMBLES_NONE] == ["2"]
     turned = FitRecord(SUSPECT, "", "", "sensor", "s1")  # which explains them as well
-    judged = judge_modes(experiment, {}, {}, [*found, turned])
+    judged = judge_modes(experiment, [*found, turned])
+    assert not any(r.status == RESEMBLES_NONE for r in judged)
+
+
+def test_a_sensor_is_suspected_where_shapes_only_pair_modes():
+    """A good mode that it makes unlike is not called spurious."""
+    (experiment,) = target(broken("turned")).experiments
+    frequencies = experiment.terms[0]
+    prior = ef.IndependentPrior(LAW)
+    posterior = ef.LogPosterior(experiment.model, frequencies, prior)
+    unlike = FitRecord(RESEMBLES_NONE, "", "", "mode", "2", mac=0.3)
+    suspects = [*find_suspects(posterior, np.ones(1), [unlike])]
+    assert [record.label for record in suspects] == ["s4"]
+    judged = judge_modes(experiment, [unlike, *suspects])
     assert not any(r.status == RESEMBLES_NONE for r in judged)
 
 
@@ -310,7 +323,7 @@ def test_every_term_of_every_experiment_is_judged_by_every_door(tmp_path):
     of_file = ef.to_inference_data(tmp_path / "run", posterior, 40)
     for found in (*sources, ef.diagnose(of_file)):
         assert found.fit.status == "does not fit"
-        assert "point middle" in found.fit.sentence and "static" in found.fit.sentence
+        assert "middle" in found.fit.sentence and "static" in found.fit.sentence
         off = {r.experiment for r in found.data if r.status == "does not fit"}
         assert "static" in off
         assert [r.experiment for r in found.data if r.status == NOT_JUDGED] == ["odd"]
@@ -336,7 +349,9 @@ def test_gauges_and_channels_are_named_by_their_labels():
     posterior = ef.LogPosterior(static, term, ef.IndependentPrior(LAW))
     found = ef.diagnose(sample(posterior), 40)
     assert named(found, "displacement", "point") == "4"
-    assert "displacement" in found.fit.sentence
+    said = found.fit.sentence  # the place by its labels, not by dimensions
+    assert "displacement (mid, 4)" in said or "displacement (end, 4)" in said
+    assert "load_case" not in said
     lines = np.linspace(0.5, 1.5, 20) * HERTZ[0]
     channels = [(i, 5) for i in range(4)]
     model = ef.frf.FRFModel(MODEL, lines, channels, damping=0.02)

@@ -326,6 +326,28 @@ def test_a_linear_gaussian_problem_has_its_exact_answer():
     assert_allclose(sampled.effect, effect * sampled.prior_sd, rtol=1e-5, atol=1e-5)
 
 
+@pytest.mark.parametrize("by_samples", [False, True])
+def test_of_a_power_law_all_is_exact_in_logarithms(by_samples):
+    """Lambda is proportional to k, over three decades of the prior."""
+    model = ef.FunctionModel(lambda p: [10 * np.sqrt(p["k"])], n_modes=1)
+    term = ef.FrequencyTerm(
+        model({"k": np.array([30.0])}).frequencies[0], relative_sd=RELATIVE
+    )
+    prior = ef.IndependentPrior({"k": stats.loguniform(1, 1000)})
+    posterior = ef.LogPosterior(model, term, prior)
+    if by_samples:
+        move, start = ef.DEMCMove(), stats.norm(30, 1).rvs((1, 20, 1), random_state=1)
+        source = ef.run(posterior, move, 20, 100, ensembles=1, starts=start, seed=1)
+    else:
+        source = ef.find_map(posterior, 3, seed=1)
+    found = ef.identifiability(source)
+    sd = np.log(1000) / np.sqrt(12)
+    assert_allclose(found.sensitivities, sd, rtol=0.03)
+    assert_allclose(found.effect, sd / 2 / RELATIVE, rtol=0.06)
+    assert_allclose(found.effect * found.sd_ratio, 1, rtol=0.15)  # of samples: roughly
+    assert "k" in found.sensitivity_table.title
+
+
 def test_a_bound_pressed_upon_is_the_gaussians_not_the_samples():
     posterior = linear_posterior(a=(0.8, 3.0), b=(-4, 4), c=(-9, 9))
     found = ef.identifiability(ef.find_map(posterior, 3, seed=1))

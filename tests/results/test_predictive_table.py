@@ -160,7 +160,7 @@ def test_pairing_table_equals_numbers_by_hand():
 
 def test_tables_of_a_sampled_paired_model_report_its_crossings():
     measured = ef.Measurements([10.0, 10.1], sd=[0.1, 0.2], shapes=np.eye(2))
-    model = ef.PairedModel(Crossing(), measured, candidates=2, min_gap=0.0)
+    model = ef.PairedModel(Crossing(), measured, candidates=2, min_mac=0.9, min_gap=0.0)
     prior = ef.GaussianPrior(["a", "b"], [10.0, 10.0], [0.5, 1.0], [(5, 15)] * 2)
     target = ef.LogPosterior(model, ef.FrequencyTerm(measured), prior)
     runs = ef.run(target, ef.DEMCMove(), 20, 600, ensembles=1, seed=1)
@@ -173,6 +173,7 @@ def test_tables_of_a_sampled_paired_model_report_its_crossings():
     assert table.column("model's mode") == ["1", "2", ""]
     assert_allclose(table.column("another in %"), share, atol=4)
     assert_allclose(table.column("MAC")[:2], 1.0, rtol=1e-12)
+    assert_allclose(table.column("MAC < 0.9 in %"), 0.0)
     predictions = ef.predictive_table(idata, target)
     assert_allclose(predictions.column("sd Hz"), [0.1, 0.2], rtol=1e-9)
     total = np.sqrt(variance + measured.sd**2)

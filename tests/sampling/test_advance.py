@@ -121,18 +121,44 @@ def sleepy(calls, slow):
     return law
 
 
-@pytest.mark.parametrize("slow", [1, 2])
+@pytest.mark.parametrize("slow", [1, 2, 4])
 def test_a_batch_is_timed_where_the_first_solve_looks_slow(slow, monkeypatch):
-    """A first call may load what the others have; 16 points then say what they take."""
+    """The fastest of three calls counts, each of half of the walkers, as in the run."""
     calls = []
-    # Far from .5 s / 16 and from nothing, for so many evaluations.
+    # Far from .5 s / 5 and from nothing, for so many evaluations.
     monkeypatch.setattr(LONG_RUN, 4 * 10 * 4 * 0.02)
     posterior = free_posterior(sleepy(calls, slow), box(-9, 9, 2))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         ef.run(posterior, ef.DEMCMove(), 10, 4, seed=1)
-    assert calls[:2] == [1, 16]
-    assert any("hours" in str(one.message) for one in caught) == (slow == 2)
+    assert calls[:4] == [1, 5, 5, 5]
+    assert len(caught) == (slow == 4)
+
+
+@pytest.mark.parametrize(("seconds", "timed"), [(0.02, 3), (0.12, 0)])
+def test_a_function_of_one_point_is_timed_again_if_it_is_fast(
+    seconds, timed, monkeypatch
+):
+    """So that what the first call loads is not taken for a solve, nor many solved."""
+    calls = []
+
+    def law(x):
+        calls.append(x.tolist())
+        if not timed or len(calls) == 1:
+            time.sleep(seconds)
+        return -0.5 * x @ x
+
+    posterior = ef.LogPosterior.from_function(law, {"a": (-9, 9), "b": (-9, 9)})
+    calls.clear()  # those by which blobs are known
+    monkeypatch.setattr(LONG_RUN, 4 * 10 * 0.01)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        ef.run(posterior, ef.DEMCMove(), 10, 1, ensembles=4, seed=1)
+    assert calls.count([0.0, 0.0]) == 1 + timed
+    assert len(caught) == (not timed)
+    for one in caught:  # neither an emulator nor a reduction knows a bare density
+        assert "emulate" not in str(one.message) and "reduce" not in str(one.message)
+        assert "minutes" in str(one.message)
 
 
 def test_a_stopped_search_goes_on_with_its_budget(tmp_path, monkeypatch):

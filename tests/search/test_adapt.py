@@ -23,6 +23,6 @@ from emcee_femu.search.settings import SETTINGS
 def test_a_refinement_that_gains_nothing_ends_only_where_little_is_lost(
     shares, bendable, enough
 ):
-    drafts = [SimpleNamespace(efficiency=share) for share in shares]
+    rounds = [SimpleNamespace(efficiency=share) for share in shares]
     campaign = SimpleNamespace(bendable=bendable, settings=SETTINGS)
-    assert _is_enough(campaign, drafts) == enough
+    assert _is_enough(campaign, rounds) == enough

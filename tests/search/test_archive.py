@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from emcee_femu.moves.mixture import Mixture
-from emcee_femu.search.archive import Archive, Draft
+from emcee_femu.search.archive import Archive, JudgedProposal
 from emcee_femu.search.importance import kish_share
 from emcee_femu.search.proposal import Proposal
 
@@ -83,10 +83,10 @@ def test_the_share_of_another_law_is_what_its_draws_have(law):
 def judged(law, n=4_000):
     proposal = Proposal.fitted(law)
     x = proposal.law.draw(np.random.default_rng(4), n)
-    return Draft(proposal, x, rows_of(x))
+    return JudgedProposal(proposal, x, rows_of(x))
 
 
-def test_the_better_draft_finds_more_or_fits_better():
+def test_the_better_proposal_finds_more_or_fits_better():
     good, poor, far = (judged(student(*at)) for at in ((0.7, 1.3), (3, 1), (7.9, 0.01)))
     assert good.is_better(poor) and not poor.is_better(good)
     assert good.reliable and 0.1 < good.acceptance < 0.5
@@ -103,7 +103,7 @@ def test_a_close_fit_of_half_the_posterior_is_not_better(less, better):
     found = []
     for spread, lost in ((0.3, 0.0), (0.05, less)):
         rows = np.stack([log_q - lost + rng.normal(0, spread, len(x)), log_q], axis=1)
-        found.append(Draft(Proposal.fitted(law), x, rows))
+        found.append(JudgedProposal(Proposal.fitted(law), x, rows))
     assert found[1].efficiency > found[0].efficiency
     assert found[1].is_better(found[0]) == better
     assert not found[0].is_better(found[1]) or not better

@@ -280,7 +280,7 @@ def test_polynomials_replace_a_fair_mixture_only_by_reliable_weights(
     )
     campaign = SimpleNamespace(
         bent=True,
-        draft=first,
+        best=first,
         surface=None,
         streams=[None],
         evaluator=SimpleNamespace(solves=0),
@@ -288,8 +288,8 @@ def test_polynomials_replace_a_fair_mixture_only_by_reliable_weights(
     )
     surface = np.zeros_like
     monkeypatch.setattr(auto, "learn_surface", lambda *args: (surface, law))
-    monkeypatch.setattr(auto, "judge", lambda c: setattr(c, "draft", found))
+    monkeypatch.setattr(auto, "judge", lambda c: setattr(c, "best", found))
     monkeypatch.setattr(auto, "find_acceptance", lambda *args: 0.5)
     auto.bend(campaign)
     assert (campaign.surface is surface) == taken
-    assert (campaign.draft is found) == taken
+    assert (campaign.best is found) == taken

@@ -139,4 +139,4 @@ def test_a_poor_mixture_is_fitted_anew_although_few_draws_weigh(seed):
     c.proposal = Proposal.fitted(wide)
     adapt(c)
     judge(c)
-    assert c.draft.efficiency > 0.6
+    assert c.best.efficiency > 0.6

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy import stats
+from scipy import optimize, stats
 from support.examples import load
 from support.free_posterior import free_posterior
 from support.gradients import MEASURED, SHAPES, Derived
@@ -74,6 +74,58 @@ def test_a_black_box_gaussian_is_exact_whatever_its_shape(covariance):
     # Two Hessians for the first climb; the others begin with what it learned.
     hessian = 1 + 2 * d + d * (d - 1) // 2
     assert result.solves <= 2 * hessian + 5 * 2 * (2 * d + 1)
+
+
+class Level:
+    """A level that was measured three times."""
+
+    names, variables = ("level",), {"y": ef.Variable({"i": range(3)})}
+
+    def __call__(self, p):
+        return {"y": p["level"][:, None] + RESIDUALS}
+
+
+class InferredNoise(ef.likelihoods.term.Term):
+    """Measurements of zero, whose standard deviation is inferred."""
+
+    name, reads, observed = "y", Level.variables, {"y": np.zeros(3)}
+    names, bounds = ("sd",), {"sd": (0, np.inf)}
+
+    def deviations(self, parameters, response):
+        r = response["y"]
+        return r, np.broadcast_to(parameters["sd"][:, None], r.shape)
+
+
+RESIDUALS = np.array([0.01, -0.01, 0.0])
+WIDE = ef.IndependentPrior(
+    {"level": stats.norm(0, 1), "sd": stats.lognorm(1, scale=0.02)}
+)
+NOISY = {
+    "deviations": ef.LogPosterior(Level(), InferredNoise(), WIDE),
+    "rows": free_posterior(
+        lambda x: stats.norm.logpdf(x[:, :1] + RESIDUALS, 0, x[:, 1:]).sum(axis=1),
+        WIDE,
+    ),
+}
+FROM = {
+    "prior": 40,
+    "far": np.column_stack([np.zeros(6), [1e-3, 0.02, 1.0, 5.0, 18.0, 30.0]]),
+}
+
+
+@pytest.mark.parametrize("starts", FROM)
+@pytest.mark.parametrize("seen", NOISY)
+def test_a_slope_is_no_maximum_however_gentle(seen, starts):
+    """The density falls as the noise grows, in each prior sd by less."""
+    found = ef.find_map(NOISY[seen], FROM[starts], seed=1)
+    (top,) = found.maxima
+    squares = RESIDUALS @ RESIDUALS
+    sd = optimize.brentq(lambda s: squares / s**2 - 4 - np.log(s / 0.02), 1e-3, 1.0)
+    best = NOISY[seen](np.array([0.0, sd]))[0]
+    assert top.converged
+    assert top.log_posterior == pytest.approx(best, abs=1e-3)
+    if starts == "prior":  # no step on the way led to the slope
+        assert not found.lost
 
 
 def test_a_maximum_in_a_corner_has_the_evidence_of_the_exponential():

@@ -68,7 +68,7 @@ def test_a_proposal_gets_what_it_lacks(log_density, d, centre, sd, least):
         c.proposal = Proposal.fitted(start)
         adapt(c)
         judge(c)
-        shares.append(c.draft.efficiency)
+        shares.append(c.best.efficiency)
         evidences.append(c.archive.log_evidence)
     assert min(shares) > least
     # Of draws to which the proposal was fitted it is a little low.

@@ -38,10 +38,10 @@ def test_a_product_is_proposed_in_logarithms_but_what_may_be_negative_is_not(
     prior = ef.IndependentPrior(WIDE | {"x": stats.uniform(-9, 18)})
     posterior = free_posterior(product, prior)
     c = refined(posterior)
-    assert c.draft.proposal.law.logs.tolist() == [True, True, False]
-    assert c.draft.efficiency > 0.5
+    assert c.best.proposal.law.logs.tolist() == [True, True, False]
+    assert c.best.efficiency > 0.5
     monkeypatch.setattr(Campaign, "coordinates", (None,))
-    assert refined(posterior).draft.efficiency < 0.5 * c.draft.efficiency
+    assert refined(posterior).best.efficiency < 0.5 * c.best.efficiency
 
 
 @pytest.mark.parametrize("law", [stats.uniform(-9, 18), stats.norm(0, 3)])
@@ -50,7 +50,7 @@ def test_without_positive_parameters_there_are_no_logarithms(law):
         lambda x: -0.5 * (x**2).sum(axis=1), ef.IndependentPrior({"x": law, "y": law})
     )
     c = refined(posterior)
-    assert c.coordinates == (None,) and c.draft.proposal.law.logs is None
+    assert c.coordinates == (None,) and c.best.proposal.law.logs is None
 
 
 @pytest.mark.parametrize("law", [stats.halfnorm(scale=0.5), stats.expon()])
@@ -62,8 +62,8 @@ def test_what_may_be_next_to_zero_is_not_in_logarithms(law):
     assert c.coordinates[1].tolist() == [False, True]
     beside = np.column_stack([np.geomspace(1e-9, 0.1, 50), np.full(50, 1.0)])
     rows = c.evaluator.rows(beside)
-    c.archive.add(beside, rows, c.draft.proposal.law)
-    lack = c.archive.log_ratio(c.draft.proposal.law)[-50:]
+    c.archive.add(beside, rows, c.best.proposal.law)
+    lack = c.archive.log_ratio(c.best.proposal.law)[-50:]
     assert lack.max() < 1.0
 
 

@@ -262,7 +262,7 @@ def _tabulate(
 ) -> Table:
     """Tabulate the moves, one row each, with numbers of the worst parameter.
 
-    FE solves are those of the whole run; "before chain" are evaluations for the starts
+    Solves are those of the whole run; "before chain" are evaluations for the starts
     and the search of "auto"; "burn-in" are the steps
     that were left out; ESS per 1000 counts evaluations of the kept steps, +- is
     its standard error over the ensembles; "end to end" counts all evaluations. Errors
@@ -273,7 +273,7 @@ def _tabulate(
     pace = [e.per_cpu_second for e in entries]
     columns: list[Column] = [
         ("move", "", [e.label for e in entries]),
-        ("FE solves", "d", [e.run.solves for e in entries]),
+        ("solves", "d", [e.run.solves for e in entries]),
         ("before chain", "d", [e.run.evaluations for e in entries]),
         ("burn-in", "d", [e.burnt for e in entries]),
         ("acceptance", ".2f", [float(d.acceptance.mean()) for d in diagnoses]),

@@ -16,6 +16,7 @@ from ...results.arviz_objects import (
     samples,
     unit_of,
 )
+from ...results.fit_statement import DOES_NOT_FIT
 from ...results.measured import Measured
 from ...results.shapes import solve_shapes
 from ...results.tables import summarize
@@ -64,16 +65,20 @@ def tabulate_result(idata: InferenceData) -> Table:
 def say_trust(diagnosis: Diagnosis, measured: Sequence[Measured]) -> str:
     """Return in one plain sentence whether runs, data and search support the result."""
     count, status = len(diagnosis.acceptance), diagnosis.chains.status
-    parts = [diagnosis.chains.short]
+    against, parts = list[str](), [diagnosis.chains.short]
     if status == CONVERGED:
         parts = [f"{count} independent runs agree"]
     elif status == NOT_CONVERGED:
-        parts = [f"do not use these numbers yet: the runs have {status}"]
+        against, parts = [f"the runs have {status}"], []
+    if diagnosis.fit.status == DOES_NOT_FIT:
+        against.append(f"the model does not fit the test ({diagnosis.fit.short})")
+    if against:
+        parts.insert(0, f"do not use these numbers yet: {' and '.join(against)}")
     judged = [part for part in measured if part.replicated is not None]
     if judged:
         inside, total = (sum(map(f, judged)) for f in (_count_inside, _count))
         parts.append(f"the model reproduces {inside} of {total} measured values")
-    maxima = 0 if diagnosis.maxima is None else len(diagnosis.maxima.importance)
+    maxima = 0 if diagnosis.maxima is None else diagnosis.maxima.held
     found = {0: "no second solution was looked for", 1: "no second solution was found"}
     parts.append(found.get(maxima, f"{maxima} different solutions were found"))
     text = "; ".join(parts)

@@ -87,7 +87,7 @@ def test_all_numbers_are_those_of_the_samplers(small, label):
     draws = everything.reshape(-1, 3)
     mean, sd = draws.mean(axis=0), draws.std(axis=0, ddof=1)
     expected = {
-        "FE solves": posterior.model.rows,
+        "solves": posterior.model.rows,
         "before chain": before,
         "burn-in": DISCARD,
         "acceptance": np.mean([s.acceptance_fraction for s in samplers]),
@@ -112,7 +112,7 @@ def test_all_numbers_are_those_of_the_samplers(small, label):
     # Also: all moves start where run starts with this seed, which is the same for all.
     assert_array_equal(kept, np.moveaxis(everything, 0, 1))
     # Proposals out of bounds cost no solve; before a chain are starts, or a search.
-    assert before < row["FE solves"] < evaluations
+    assert before < row["solves"] < evaluations
     assert before > 1_000 if label == "auto" else before == WALKERS * ENSEMBLES
 
 
@@ -124,7 +124,7 @@ def test_the_budget_of_evaluations_is_for_all_ensembles(evaluations, steps):
     found = ef.compare_moves(posterior, {"DE-MC": ef.DEMCMove()}, 20, **options)
     sizes = dict(found.idata["DE-MC"]["posterior"].sizes)
     assert sizes == {"chain": 4 * 20, "draw": steps - steps // 2}
-    assert found.table.column("FE solves") == [posterior.model.rows]
+    assert found.table.column("solves") == [posterior.model.rows]
     assert posterior.model.rows > 4 * 20 * steps / 2
 
 
@@ -138,7 +138,7 @@ def test_what_a_run_leaves_out_is_left_out_but_paid_for():
     # All that was evaluated counts for both.
     spent, before, efficiency, whole = (
         np.array(found.table.column(name))
-        for name in ("FE solves", "before chain", "ESS per 1000", "end to end")
+        for name in ("solves", "before chain", "ESS per 1000", "end to end")
     )
     each = WALKERS * ENSEMBLES
     kept = each * np.array(sizes)
