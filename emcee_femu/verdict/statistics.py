@@ -174,7 +174,7 @@ def find_drift(draws: Floats) -> int:
     return 0
 
 
-PRINTED = 0.0005  # the least weight that three decimals show
+LEAST_SHOWN = 0.0005  # the least weight that three decimals show
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -223,7 +223,7 @@ class MaximaWeights(Report):
     def held(self) -> int:
         """How many maxima have a weight that is printed as more than zero."""
         return int(
-            (~(np.fmax(self.importance, self.weights.mean(axis=0)) < PRINTED)).sum()
+            (~(np.fmax(self.importance, self.weights.mean(axis=0)) < LEAST_SHOWN)).sum()
         )
 
     @property
