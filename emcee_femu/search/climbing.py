@@ -30,7 +30,7 @@ from .quadratic import (
 WORTH_A_STEP = 1e-3
 # Prior standard deviations that one step may change a parameter, the widest that a
 # direction is taken for. From far below an inferred error, Newton's step has no limit.
-LONGEST = LEAST_CURVATURE**-0.5
+LONGEST_STEP = LEAST_CURVATURE**-0.5
 # Log-posterior that may remain where no step gains: by the noise of a solver, at a kink
 # or a sharp bend.
 NOISE_OF_TOP = 0.1
@@ -141,7 +141,7 @@ class Climb:
             return
         self.way.append(local)
         curvature = make_positive(local.curvature)
-        room = np.clip(box.T - local.point, -LONGEST, LONGEST)
+        room = np.clip(box.T - local.point, -LONGEST_STEP, LONGEST_STEP)
         step, gain = step_within(local.gradient, curvature, *room)
         self.target = None
         if gain < WORTH_A_STEP and not local.fresh:
