@@ -5,52 +5,52 @@ sampler, parameters are addressed by name; only the prior defines their order. A
 function is enough for a model or a term. The attributes below are optional; those that
 are given are checked before the first FE solve:
 
-========== ============= =============================================================
-attribute  of            meaning
-========== ============= =============================================================
-variables  model         ``{name: Variable}``, the contents of its response; those that
-                         are ``stored`` are kept with each sample. Without it the terms'
-                         ``reads`` are stored.
-names      model, term   the parameters that it needs; None or absent: unknown (of a
-                         model)
-bounds     model, term   ``{parameter: (low, high)}`` within which it is valid, for
-                         these parameters and any others that it reads if given;
-                         (0, inf) means positive
-jacobian   model         ``jacobian(parameters)``: the response and its derivatives,
-                         ``{variable: {parameter: (n, *shape)}}``, from one solve;
-                         omitted derivatives are zero. None or absent: no derivatives
-spread     model         ``spread(parameters)``: the response and its change by one
-                         standard deviation along each direction in which it is
-                         uncertain, ``{variable: {direction: (n, *shape)}}``; the
-                         likelihood is then averaged over them. None or absent: no
-                         uncertainty
-one_by_one model         True: it solves parameter sets one at a time, so that a failed
-                         solve affects only its own set
-geometry   model         its ``Geometry``, for drawings of mode shapes
-dofs       model         all its DOFs; nodes without DOFs are drawn as supports
-sensors    model         which combinations of ``dofs`` the rows of its shapes are
-name       term          the label under which its log-likelihood is stored
-reads      term          ``{name: Variable}``, the variables that it needs
-observed   term          ``{name: array}``, the measured values by variable name
-deviations term          ``deviations(parameters, response)``: r and sd, each
-                         ``(n, m)``, if the log-likelihood is the sum of those of
-                         N(r; 0, sd) up to a constant; this gives the Fisher information
-                         and the residuals by which the fit is judged
-restore    term          ``restore(deviations)``: the measurements ``(n, *shape)`` that
-                         have the deviations ``(n, m)``, so that new measurements can be
-                         drawn; not needed if they are plain differences
-error_sd   term          ``{name: array}``, the standard deviations of ``observed``
-statement  term          for reports: the likelihood in one sentence
-formula    term          for reports, in HTML: the likelihood as a formula
-discrepancy  term        which of ``names`` is an inferred error: reports name it, and
-                         it is asked whether data fit by a large error only
-symbol     term          for reports, in HTML: the symbol of this error
-state      move          ``state()``: its memory from one step to the next, as JSON
-                         types (numbers, strings, lists, mappings). Absent: its
-                         proposals depend only on the walkers and the random stream
-restore    move          ``restore(state)``: continue from the result of ``state()``,
-                         called on a copy of the move as it was before the first step
-========== ============= =============================================================
+=========== ============= =============================================================
+attribute   of            meaning
+=========== ============= =============================================================
+variables   model         ``{name: Variable}``, the contents of its response; those that
+                          are ``stored`` are kept with each sample. Without it
+                          the terms' ``reads`` are stored.
+names       model, term   the parameters that it needs; None or absent: unknown (of a
+                          model)
+bounds      model, term   ``{parameter: (low, high)}`` within which it is valid, for
+                          these parameters and any others that it reads if given;
+                          (0, inf) means positive
+jacobian    model         ``jacobian(parameters)``: the response and its derivatives,
+                          ``{variable: {parameter: (n, *shape)}}``, from one solve;
+                          omitted derivatives are zero. None or absent: no derivatives
+spread      model         ``spread(parameters)``: the response and its change by one
+                          standard deviation along each direction in which it is
+                          uncertain, ``{variable: {direction: (n, *shape)}}``; the
+                          likelihood is then averaged over them. None or absent: no
+                          uncertainty
+one_by_one  model         True: it solves parameter sets one at a time, so that a failed
+                          solve affects only its own set
+geometry    model         its ``Geometry``, for drawings of mode shapes
+dofs        model         all its DOFs; nodes without DOFs are drawn as supports
+sensors     model         which combinations of ``dofs`` the rows of its shapes are
+name        term          the label under which its log-likelihood is stored
+reads       term          ``{name: Variable}``, the variables that it needs
+observed    term          ``{name: array}``, the measured values by variable name
+deviations  term          ``deviations(parameters, response)``: r and sd, each
+                          ``(n, m)``, if the log-likelihood is the sum of those of
+                          N(r; 0, sd) up to a constant; this gives the Fisher
+                          information and the residuals by which the fit is judged
+restore     term          ``restore(deviations)``: the measurements ``(n, *shape)`` that
+                          have the deviations ``(n, m)``, so that new measurements
+                          can be drawn; not needed if they are plain differences
+error_sd    term          ``{name: array}``, the standard deviations of ``observed``
+statement   term          for reports: the likelihood in one sentence
+formula     term          for reports, in HTML: the likelihood as a formula
+discrepancy term          which of ``names`` is an inferred error: reports name it, and
+                          it is asked whether data fit by a large error only
+symbol      term          for reports, in HTML: the symbol of this error
+state       move          ``state()``: its memory from one step to the next, as JSON
+                          types (numbers, strings, lists, mappings). Absent: its
+                          proposals depend only on the walkers and the random stream
+restore     move          ``restore(state)``: continue from the result of ``state()``,
+                          called on a copy of the move as it was before the first step
+=========== ============= =============================================================
 
 ``parameters`` is ``{name: (n,)}``, and ``stored`` the stored variables of the response,
 ``{name: (n, ...)}``.
