@@ -188,9 +188,6 @@ def read_samples(
     it is asked for. If ``judged``, what samples say of the data is stored too, and all
     groups are made.
     """
-    held = getattr(source, "posterior", None)  # a result may hold it beside its samples
-    if posterior is None and isinstance(held, LogPosterior):
-        posterior = held
     if not is_arviz(source := samples_of(source)):
         read = partial(
             read_chains, source, posterior, discard, blobs=True, argument=argument
@@ -221,6 +218,9 @@ def read_samples_and_model(
     source: object, posterior: LogPosterior | None
 ) -> tuple[InferenceData, LogPosterior]:
     """Return the ArviZ object of any source of samples, and the sampled posterior."""
+    held = getattr(source, "posterior", None)  # a result may hold it beside its samples
+    if posterior is None and isinstance(held, LogPosterior):
+        posterior = held
     idata, known = read_samples(source, posterior)
     if known is None:
         raise TypeError(

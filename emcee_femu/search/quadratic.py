@@ -185,4 +185,6 @@ def find_damping(gradient: Floats, curvature: Floats, radius: float) -> float:
 
     if excess(0.0) <= 0:
         return 0.0
-    return float(brentq(excess, 0.0, np.linalg.norm(along) / radius, rtol=1e-3))
+    # Half of this would do where no eigenvalue is lost by rounding.
+    most = 2.0 * np.linalg.norm(along) / radius
+    return float(brentq(excess, 0.0, most, rtol=1e-3))

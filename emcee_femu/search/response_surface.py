@@ -49,6 +49,9 @@ INDEPENDENT = 0.3
 SURFACE_TEMPERATURES = (1.0, 2.0, 4.0)
 # Points weigh less if their log-density is below the largest by more, per parameter.
 WEIGHED_LEVEL = 2.0
+# Weight of a point at least: if few points had any, each would be fitted exactly, and
+# nothing could be said of its error.
+LEAST_WEIGHT = 1e-4
 # Ridge that draws coefficients to zero, relative to one point.
 COEFFICIENT_RIDGE = 1e-6
 
@@ -142,7 +145,7 @@ def fit_surface(
     targets = np.column_stack([r, np.log(sd), rest])
     units = np.column_stack([sd, np.ones_like(sd), np.ones_like(rest)])
     below = np.maximum(log_p.max() - log_p - WEIGHED_LEVEL * d, 0.0)
-    weights = np.exp(-below / 4)[:, None]
+    weights = np.maximum(np.exp(-below / 4), LEAST_WEIGHT)[:, None]
     fits = []
     for logs in (np.zeros(d, dtype=bool), prior.bounds[:, 0] >= 0):
         x = _coordinates(prior, logs).coordinates(theta)

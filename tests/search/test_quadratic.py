@@ -88,3 +88,12 @@ def test_a_maximum_at_one_bound_and_inside_others():
     exact = np.log(2 * np.pi) - 0.5 * free - np.log(1e3)
     found = quadratic.log_integral(gradient, curvature, low, high)
     assert found == pytest.approx(exact, abs=0.02)
+
+
+def test_a_direction_without_curvature_is_damped_to_the_radius():
+    """Its eigenvalue is lost beside the damping."""
+    gradient, curvature = np.array([0.3, 4.0]), np.diag([1e-30, 1e-17])
+    for radius in (1e-3, 1.0, 1e3):
+        damping = quadratic.find_damping(gradient, curvature, radius)
+        step = gradient / (np.diag(curvature) + damping)
+        assert np.isclose(np.linalg.norm(step), radius, rtol=1e-2)
