@@ -185,6 +185,7 @@ def find_damping(gradient: Floats, curvature: Floats, radius: float) -> float:
 
     if excess(0.0) <= 0:
         return 0.0
-    # Half of this would do where no eigenvalue is lost by rounding.
-    most = 2.0 * np.linalg.norm(along) / radius
+    most = float(np.linalg.norm(along)) / radius
+    if excess(most) >= 0:  # by rounding, where eigenvalues are lost beside it
+        return most
     return float(brentq(excess, 0.0, most, rtol=1e-3))
