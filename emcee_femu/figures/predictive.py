@@ -20,7 +20,7 @@ from ..results.measured import (
     with_frequencies,
 )
 from ..results.tables import summarize
-from ..results.to_arviz import read_samples, read_samples_and_model
+from ..results.to_arviz import read_samples, require_model
 from .style import BELOW, BLUE, RED, Style, finish, subplots
 
 MOST_TICK_LABELS = 24  # below a panel
@@ -214,7 +214,7 @@ def plot_tae(
     Args:
         idata: The result of :func:`run`, without its burn-in, or what
             ``to_inference_data(run, discard=0)`` returns, with it.
-        posterior: The sampled posterior, if idata is an ArviZ object.
+        posterior: The sampled posterior, if idata is an ArviZ object or a certificate.
         experiment: Name of one experiment of a joint posterior; None for a curve of
             each.
 
@@ -234,7 +234,9 @@ def plot_tae(
         >>> figure.axes[0].get_ylabel()
         'total average error of the mean so far (%)'
     """
-    idata, posterior = read_samples_and_model(idata, posterior)
+    # A result's own posterior is not taken: its model may be slow, as of a certificate.
+    idata, known = read_samples(idata, posterior)
+    posterior = require_model(known)
     tests: list[str | None] = [experiment]
     if experiment is None:
         every = with_frequencies(measured_variables(idata))

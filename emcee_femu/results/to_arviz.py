@@ -222,12 +222,17 @@ def read_samples_and_model(
     if posterior is None and isinstance(held, LogPosterior):
         posterior = held
     idata, known = read_samples(source, posterior)
+    return idata, require_model(known)
+
+
+def require_model(known: LogPosterior | None) -> LogPosterior:
+    """Return what was sampled, refusing samples of which that is not known."""
     if known is None:
         raise TypeError(
             "posterior: expected the sampled LogPosterior, whose model is needed here; "
             "an ArviZ object holds samples only, so give the posterior after it"
         )
-    return idata, checks.instance("posterior", known, LogPosterior)
+    return checks.instance("posterior", known, LogPosterior)
 
 
 def check_sampled(posterior: LogPosterior, names: Sequence[str]) -> None:

@@ -299,7 +299,7 @@ def test_a_result_that_holds_its_posterior_is_drawn_by_its_model(sample):
     model = ef.PairedModel(MODEL, TEST, candidates=2)
     term = ef.FrequencyTerm(TEST, relative_sd=0.01)
     result = sample(ef.LogPosterior(model, term, PRIOR))
-    assert ef.figures.plot_mac(result).axes and ef.figures.plot_tae(result).axes
+    assert ef.figures.plot_mac(result).axes
     assert ef.figures.plot_shapes(result, geometry=TOWER).axes
     with pytest.raises(TypeError, match="posterior: .*ArviZ"):
         ef.figures.plot_mac(ef.to_inference_data(result))

@@ -114,11 +114,11 @@ def certify(
     not settle may exclude what no draw shows, so its posterior is refused however equal
     the weights are. A run on the emulated posterior knows whether it settled, and so
     does its ArviZ object, also if read back from netCDF; a finding says where it is not
-    known. Four more checks look for what is excluded. The wider draws. The emulator's
-    bounds must contain at least 99 % of the prior. The draws must not pile up at a
-    bound that the prior does not have. And climbs of the true posterior, which take a
-    quarter of the solves and at most 30, start from draws of the prior away from the
-    chain. A narrow mode that neither a climb nor a wider draw comes near remains
+    known. Besides the wider draws, three checks look for what is excluded. The
+    emulator's bounds must contain at least 99 % of the prior. The draws must not pile
+    up at a bound that the prior does not have. And climbs of the true posterior, which
+    take a quarter of the solves and at most 30, start from draws of the prior away from
+    the chain. A narrow mode that neither a climb nor a wider draw comes near remains
     undetected.
 
     Weights cannot recover regions that the chain never visited either. A chain that
@@ -200,9 +200,16 @@ def certify(
         if evaluator.failures is not None:
             evaluator.failures.max_failures = 1.0  # judged below, no reason to stop
         certificate, rows, emulated = judge_draws(
-            chain, judged, evaluator, approximate, solves, again, settled,
-            max_failures, rng,
-        )  # fmt: skip
+            chain,
+            judged,
+            evaluator,
+            approximate,
+            solves,
+            again,
+            settled,
+            max_failures,
+            rng,
+        )
     if not known:
         certificate = replace(certificate, notes=(*certificate.notes, UNKNOWN))
     return certificate.sealed(posterior, rows, emulated, again, again)

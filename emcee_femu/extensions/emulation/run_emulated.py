@@ -105,8 +105,9 @@ def run_emulated(
         The certificate, for all tables, figures, :func:`diagnose`, :func:`report`,
         :func:`to_inference_data` and :func:`log_evidence`; ``print`` it. Its ``solves``
         are all that were made, and ``emulated`` is the emulator. If it is refused, all
-        of these say so, and a finding says what more solves would do. Figures that
-        solve, as those of mode shapes, take the posterior too, as for an ArviZ object.
+        of these say so, and a finding says what more solves would do. ``plot_shapes``
+        and ``plot_mac`` take up to two full solves more; ``plot_tae``, which takes up
+        to 200, asks for the posterior.
 
     Raises:
         TypeError: If posterior is not a LogPosterior, or a count is not a whole number.

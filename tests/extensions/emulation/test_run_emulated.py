@@ -238,3 +238,11 @@ def test_what_is_wrong_is_refused_before_the_first_solve(tmp_path):
     with pytest.raises(TypeError, match="solves"):
         ef.run_emulated(posterior, 100.5, seed=1)
     assert posterior.model.solved == []
+
+
+def test_a_figure_of_many_solves_asks_for_the_posterior(certified):
+    found, model = certified
+    spent = len(model.solved)
+    with pytest.raises(TypeError, match="posterior"):
+        ef.figures.plot_tae(found)
+    assert len(model.solved) == spent
