@@ -3,19 +3,10 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support.chains import dataset
 from support.figures import assert_readable
+from support.tower import HERTZ, MEASURED, MODEL, PRIOR, SHAPES, at_mean, solved
 
 import emcee_femu as ef
-
-# A tower of two unit masses, whose modes are known: k1 = k2 = 10 N/m.
-SPRINGS = {"k1": (0, 1, 10.0), "k2": (1, 2, 10.0)}
-GOLDEN = (1 + 5**0.5) / 2
-SHAPES = np.array([[1.0, 1.0], [GOLDEN, 1 - GOLDEN]])
-HERTZ = np.sqrt([10 / GOLDEN**2, 10 * GOLDEN**2]) / (2 * np.pi)
-MEASURED = np.array([[1.0, -1.1], [1.7, 0.6]])  # the second turned round
-PRIOR = ef.GaussianPrior(["k1", "k2"], [12.0, 8.0], 3.0, [(1, 30), (1, 30)])
-MODEL = ef.MassSpringModel([1.0, 1.0], SPRINGS, shapes=True)
 
 
 def run_of(shapes):
@@ -24,16 +15,6 @@ def run_of(shapes):
     paired = ef.PairedModel(MODEL, test, candidates=2)
     posterior = ef.LogPosterior(paired, term, PRIOR)
     return ef.run(posterior, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
-
-
-def solved(k1, k2):
-    """Return the shapes, from closed forms."""
-    return np.linalg.eigh([[k1 + k2, -k2], [-k2, k2]])[1]
-
-
-def at_mean(run):
-    draws = dataset(ef.to_inference_data(run), "posterior")
-    return solved(*(float(draws[name].mean()) for name in ("k1", "k2")))
 
 
 def test_the_matrix_has_the_mac_before_and_after_with_frames_around_the_pairs():

@@ -4,24 +4,16 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 from numpy.testing import assert_allclose
-from support.chains import dataset
 from support.figures import assert_readable
+from support.tower import HERTZ, MEASURED, MODEL, PRIOR, SPRINGS, at_mean
 
 import emcee_femu as ef
 
-# A tower of two unit masses, whose modes are known: k1 = k2 = 10 N/m.
-SPRINGS = {"k1": (0, 1, 10.0), "k2": (1, 2, 10.0)}
-GOLDEN = (1 + 5**0.5) / 2
-SHAPES = np.array([[1.0, 1.0], [GOLDEN, 1 - GOLDEN]])
-HERTZ = np.sqrt([10 / GOLDEN**2, 10 * GOLDEN**2]) / (2 * np.pi)
-MEASURED = np.array([[1.0, -1.1], [1.7, 0.6]])  # the second turned round
-PRIOR = ef.GaussianPrior(["k1", "k2"], [12.0, 8.0], 3.0, [(1, 30), (1, 30)])
 TOWER = ef.Geometry(
     {"foot": (0, 0), "middle": (0, 3), "top": (0, 6)},
     [("foot", "middle"), ("middle", "top")],
     {0: ("middle", "ux"), 1: ("top", "ux")},
 )
-MODEL = ef.MassSpringModel([1.0, 1.0], SPRINGS, shapes=True)
 TEST = ef.Measurements(HERTZ, shapes=MEASURED, dofs=[0, 1])
 MOVED, AT_SENSORS = "updated model", "updated model at the sensors"
 
@@ -40,16 +32,6 @@ def run_of(model, measured, candidates=2):
 @pytest.fixture(scope="module")
 def run():
     return run_of(MODEL, TEST)
-
-
-def solved(k1, k2):
-    """Return the shapes, from closed forms."""
-    return np.linalg.eigh([[k1 + k2, -k2], [-k2, k2]])[1]
-
-
-def at_mean(run):
-    draws = dataset(ef.to_inference_data(run), "posterior")
-    return solved(*(float(draws[name].mean()) for name in ("k1", "k2")))
 
 
 def lines(axes, label):

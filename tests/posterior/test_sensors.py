@@ -65,6 +65,13 @@ def test_a_gain_is_that_of_the_sensor(gain):
         assert_allclose(found.gain, gain, rtol=5e-3)  # the prior's mean is sampled
 
 
+@pytest.mark.parametrize(("gain", "kind"), [(0.0, "dead"), (1e-6, "gain")])
+def test_a_sensor_that_reads_nothing_is_dead_and_one_of_another_unit_is_not(gain, kind):
+    for seed in range(100, 104):
+        test, which = measured(seed, "gain", gain=gain)
+        assert (kind, which) in [(s.kind, s.sensors) for s in suspects(test)]
+
+
 def test_scale_and_sign_of_measured_modes_change_nothing():
     test, _ = measured(100, "exchanged")
     scaled = ef.Measurements(test.frequencies, test.shapes * [-1.0, 30.0, -1e-4])

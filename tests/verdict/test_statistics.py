@@ -1,5 +1,7 @@
 """The numbers of a diagnosis, by their definitions and by exact laws."""
 
+from dataclasses import replace
+
 import arviz as az
 import emcee
 import numpy as np
@@ -10,6 +12,7 @@ from scipy import stats
 from support.chains import ar1, as_arviz, backend
 
 import emcee_femu as ef
+from emcee_femu.verdict.statistics import MaximaWeights
 
 PHI = np.array([0.0, 0.5, 0.8])
 TAU = (1 + PHI) / (1 - PHI)  # 1, 3, 9
@@ -238,3 +241,23 @@ def test_a_walker_that_chance_has_not_moved_yet_is_not_the_first_complaint(
     assert (0, 3) in found.stuck
     named = ["stuck" in reason for reason in found.chains.reasons]
     assert sum(named) == 1 and named[0] == stuck_first
+
+
+def test_maxima_without_weight_hold_no_samples():
+    """By the chain and by importance sampling, where that is known."""
+    maxima = MaximaWeights(
+        weights=np.array([[0.6, 0.4, 0.0, 0.0], [0.7, 0.3, 0.0, 0.0]]),
+        errors=np.zeros(4),
+        importance=np.array([0.65, 0.35, 1e-5, np.nan]),
+        importance_errors=np.zeros(4),
+        acceptance=np.ones(4),
+        mean_error=np.zeros(2),
+        sd_error=np.zeros(2),
+        reached=np.ones(4, dtype=bool),
+        pareto_k=0.1,
+        chain_k=0.1,
+        efficiency=0.9,
+        share=0.9,
+    )
+    assert maxima.held == 2
+    assert replace(maxima, importance=np.array([0.6, 0.3, 0.1, np.nan])).held == 3
