@@ -83,8 +83,12 @@ def smooth_tail(log_weights: Floats) -> tuple[Floats, float]:
     return np.where(above_zero, smoothed, -np.inf), float(k)
 
 
-def kish_share(log_weights: Floats) -> float:
-    """Return the effective share of draws, (sum w)^2 / (n sum w^2).
+def kish_share(log_weights: Floats, log_shares: Floats | float = 0.0) -> float:
+    """Return the effective share of draws, (sum s w)^2 / (sum s sum s w^2).
+
+    Args:
+        log_weights: Logarithms of the weights w, ``(n,)``.
+        log_shares: Logarithms of the shares s of the draws, ``(n,)`` or one for all.
 
     Source: Kish (1965), Survey Sampling.
     """
@@ -92,7 +96,9 @@ def kish_share(log_weights: Floats) -> float:
     if not np.isfinite(top):
         return 0.0
     weights = np.exp(log_weights - top)
-    share = weights.sum() ** 2 / (len(weights) * (weights**2).sum())
+    shares = np.exp(log_shares + np.zeros_like(weights))
+    squares = shares.sum() * (shares * weights**2).sum()
+    share = (shares * weights).sum() ** 2 / squares
     return min(float(share), 1.0)  # which rounding may exceed
 
 

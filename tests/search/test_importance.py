@@ -92,5 +92,13 @@ def test_acceptance_is_that_of_independent_proposals():
 
 def test_no_share_of_nearly_equal_weights_exceeds_one():
     rng = np.random.default_rng(1)
-    shares = [kish_share(1e-9 * rng.normal(size=n)) for n in range(2, 300)]
+    alike = [1e-9 * rng.normal(size=n) for n in range(2, 300)]
+    shares = [kish_share(each) for each in alike]
+    shares += [kish_share(each, rng.normal(size=len(each))) for each in alike]
     assert max(shares) <= 1 and min(shares) > 0.999
+
+
+def test_a_draw_of_twice_the_share_counts_as_two():
+    log_weights, twice = np.array([0.0, 1.0, -2.0]), np.log([2.0, 1.0, 1.0])
+    both = kish_share(np.array([0.0, 0.0, 1.0, -2.0]))
+    assert np.isclose(kish_share(log_weights, twice), both, rtol=1e-12)

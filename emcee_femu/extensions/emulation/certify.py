@@ -255,8 +255,7 @@ def judge_draws(
     log_ratio, possible = float(logsumexp(counted)), bool(counted.max() > -np.inf)
     worth = n * kish_share(counted)
     # That of draws of the emulated posterior alone.
-    squares = logsumexp(counted + ratios)
-    efficiency = float(np.exp(2 * log_ratio - squares)) if possible else 0.0
+    efficiency = kish_share(ratios, log_shares)
     smoothed, pareto_k = smooth_tail(counted)
     if efficiency < EQUAL_WEIGHTS and pareto_k <= GOOD_K:
         counted = smoothed
