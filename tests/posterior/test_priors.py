@@ -133,3 +133,26 @@ def test_gradients_are_those_of_the_densities(marginal, slope):
 def test_bounds_that_hold_nothing_are_refused(marginal, bounds, named):
     with pytest.raises(ValueError, match=named):
         ef.IndependentPrior({"E": marginal}, bounds=bounds)
+
+
+class _Norm(stats.rv_continuous):
+    """A law of one's own by the name of another, twice as wide."""
+
+    def _logpdf(self, x):
+        return stats.norm.logpdf(x, 0, 2)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_marginals_of_one_family_are_evaluated_together_each_by_its_own_law(order):
+    laws = [
+        *(stats.uniform(low, 4) for low in (-2, -1)),
+        *(stats.lognorm(sd, scale=2) for sd in (0.3, 0.6)),
+        *(stats.lognorm(s=sd, loc=-3) for sd in (0.3, 0.6)),
+        *(stats.norm(mean, 1) for mean in (0, 1)),
+        *(_Norm(name="norm")(loc=mean, scale=1) for mean in (0, 1)),
+        *(stats.rv_histogram(([1, n], [-3, 0, 3]))() for n in (1, 5)),
+    ][::order]
+    prior = ef.IndependentPrior({f"x{i}": law for i, law in enumerate(laws)})
+    theta = np.random.default_rng(1).uniform(-3, 3, (50, len(laws)))
+    alone = np.stack([law.logpdf(x) for law, x in zip(laws, theta.T, strict=True)], 1)
+    assert_allclose(prior.logpdfs(theta), alone, rtol=1e-14)

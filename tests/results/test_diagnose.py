@@ -431,7 +431,7 @@ def test_draws_of_the_prior_have_no_burn_in():
     model = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
     term = ef.FrequencyTerm([2.0], relative_sd=0.01)  # as of k = 4, out of bounds
     posterior = ef.LogPosterior(model, term, ef.IndependentPrior({"k": (6.0, 20.0)}))
-    run = ef.run(posterior, ef.DEMCMove(), 16, 2_400, seed=1, ensembles=2)
+    run = ef.run(posterior, ef.DEMCMove(), 10, 1_300, seed=1, ensembles=1)
     idata = ef.to_inference_data(run, discard=0)
     kept, left = (ef.diagnose(idata, discard).fit for discard in (900, 1_100))
     assert "pressed" in kept.sentence and "pressed" in left.sentence

@@ -150,10 +150,10 @@ def test_a_function_of_one_point_is_timed_again_if_it_is_fast(
 
     posterior = ef.LogPosterior.from_function(law, {"a": (-9, 9), "b": (-9, 9)})
     calls.clear()  # those by which blobs are known
-    monkeypatch.setattr(LONG_RUN, 4 * 10 * 0.01)
+    monkeypatch.setattr(LONG_RUN, 10 * 0.01)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        ef.run(posterior, ef.DEMCMove(), 10, 1, ensembles=4, seed=1)
+        ef.run(posterior, ef.DEMCMove(), 10, 1, ensembles=1, seed=1)
     assert calls.count([0.0, 0.0]) == 1 + timed
     assert len(caught) == (not timed)
     for one in caught:  # neither an emulator nor a reduction knows a bare density
