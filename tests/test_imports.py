@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 from support.public import SUBJECTS, public_names
@@ -25,7 +26,12 @@ FILES = {
     for p in PACKAGE.rglob("*.py")
 }
 FILES = {name.removesuffix("__init__").rstrip("."): p for name, p in FILES.items()}
-TREES = {name: ast.parse(p.read_text("utf-8")) for name, p in FILES.items()}
+
+
+@cache
+def trees():
+    """Return the syntax trees of all modules, read when a test needs them."""
+    return {name: ast.parse(p.read_text("utf-8")) for name, p in FILES.items()}
 
 
 def imports(module):
@@ -33,7 +39,7 @@ def imports(module):
     package = module.split(".") if module else []
     if FILES[module].name != "__init__.py":
         package = package[:-1]
-    for node in ast.walk(TREES[module]):
+    for node in ast.walk(trees()[module]):
         if isinstance(node, ast.ImportFrom) and node.level:
             base = package[: len(package) - node.level + 1]
             base += node.module.split(".") if node.module else []
@@ -42,12 +48,15 @@ def imports(module):
                 yield full if full in FILES else ".".join(base)
 
 
-ARROWS = {
-    (module, other)
-    for module in FILES
-    for other in imports(module)
-    if other != module and not module.startswith(f"{other}.")
-}
+@cache
+def arrows():
+    """Return which module imports which other."""
+    return {
+        (module, other)
+        for module in FILES
+        for other in imports(module)
+        if other != module and not module.startswith(f"{other}.")
+    }
 
 
 def extension(module):
@@ -59,7 +68,7 @@ def extension(module):
 def test_the_core_knows_no_extension_and_no_extension_another():
     wrong = {
         (module, other)
-        for module, other in ARROWS
+        for module, other in arrows()
         if extension(other) not in (None, extension(module)) and module not in LAZY
     }
     assert wrong == set()
@@ -69,7 +78,7 @@ def test_folders_import_upwards_only():
     place = {folder: number for number, folder in enumerate(ORDER)}
     wrong = {
         (module, other)
-        for module, other in ARROWS
+        for module, other in arrows()
         if module not in LAZY
         and place[module.split(".")[0]] < place[other.split(".")[0]]
     }
@@ -77,7 +86,7 @@ def test_folders_import_upwards_only():
 
 
 def test_no_files_import_each_other_in_circles():
-    left = {name: {b for a, b in ARROWS if a == name} for name in FILES if name}
+    left = {name: {b for a, b in arrows() if a == name} for name in FILES if name}
     while ends := [name for name, others in left.items() if not others & {*left}]:
         for name in ends:
             del left[name]
@@ -85,14 +94,14 @@ def test_no_files_import_each_other_in_circles():
 
 
 def test_moves_stand_alone():
-    folders = {b.split(".")[0] for a, b in ARROWS if a.startswith("moves.")}
+    folders = {b.split(".")[0] for a, b in arrows() if a.startswith("moves.")}
     assert folders <= ALONE
 
 
 def test_nothing_is_imported_in_another_way():
     """The package never imports its own top level, and names no module in a string."""
     wrong = []
-    for name, tree in TREES.items():
+    for name, tree in trees().items():
         for node in ast.walk(tree):
             whole = isinstance(node, ast.Import)
             whole = whole and any("emcee_femu" in a.name for a in node.names)

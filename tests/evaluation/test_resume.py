@@ -113,7 +113,7 @@ def test_what_auto_found_is_not_sought_again(whole, path, monkeypatch):
 
 @posix
 @pytest.mark.parametrize(
-    "kind", ["chain", *(pytest.param(k, marks=SLOW) for k in ("workers", "auto"))]
+    "kind", [pytest.param(k, marks=SLOW) for k in ("chain", "workers", "auto")]
 )
 def test_kills_at_random_times_leave_the_bits_of_a_whole_run(path, kind):
     """The law of files: what was stored when a process died is gone on with."""
@@ -145,7 +145,7 @@ def test_a_file_whose_writer_died_in_a_record_is_read_as_before_it(whole, path):
     assert str(ef.diagnose(path)) == told
 
 
-@pytest.mark.parametrize("kind", ["tempered", "anneal"])
+@pytest.mark.parametrize("kind", ["tempered", pytest.param("anneal", marks=SLOW)])
 def test_a_full_disk_is_named_and_loses_nothing(whole, path, kind, monkeypatch):
     """The law of a transaction: a write that finds no room leaves what was there."""
     _, expected, content = whole(kind)

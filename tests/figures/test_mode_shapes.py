@@ -272,10 +272,13 @@ def test_a_panel_shows_the_structure_with_its_sensors(run):
 @pytest.mark.parametrize(
     "sample",
     [
-        lambda posterior: ef.anneal(posterior, 40, seed=1),
-        lambda posterior: ef.run_emulated(posterior, 60, seed=1),
+        pytest.param(lambda at: ef.anneal(at, 40, seed=1), id="annealed"),
+        pytest.param(
+            lambda at: ef.run_emulated(at, 60, seed=1),
+            id="emulated",
+            marks=pytest.mark.slow,
+        ),
     ],
-    ids=["annealed", "emulated"],
 )
 def test_a_result_that_holds_its_posterior_is_drawn_by_its_model(sample):
     model = ef.PairedModel(MODEL, TEST, candidates=2)

@@ -52,8 +52,7 @@ def inside(contours, level, points):
     return sum(shape.contains_points(points).astype(int) for shape in shapes) % 2 == 1
 
 
-@pytest.mark.parametrize("count", [2, 4, 6])
-@pytest.mark.parametrize("ellipse", [True, False])
+@pytest.mark.parametrize(("count", "ellipse"), [(2, True), (4, False), (6, True)])
 def test_the_legend_of_pairs_ends_where_the_panels_do(count, ellipse):
     draws = np.random.default_rng(5).normal(size=(4, 200, count))
     figure = ef.figures.plot_scatter(made(draws), ellipse=ellipse)

@@ -301,8 +301,23 @@ CASES = {
 OF_MOVES = {("state", "move"), ("restore", "move")}  # CONTRIBUTING.md has their test
 
 
-@pytest.mark.parametrize("kind", ["object", "function"])
-@pytest.mark.parametrize("row", CASES, ids=" ".join)
+# A report is written in a second; what it reads is the same of both.
+REPORTED = {
+    (name, "term") for name in ("discrepancy", "statement", "formula", "symbol")
+}
+EVERY = [
+    pytest.param(
+        row,
+        kind,
+        id=" ".join([*row, kind]),
+        marks=[pytest.mark.slow] * (row in REPORTED and kind == "function"),
+    )
+    for row in CASES
+    for kind in ("object", "function")
+]
+
+
+@pytest.mark.parametrize(("row", "kind"), EVERY)
 def test_a_row_of_the_table_has_its_effect(row, kind):
     assert CASES[row](kind, True)
     assert not CASES[row](kind, False)

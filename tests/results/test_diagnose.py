@@ -426,12 +426,13 @@ def test_slips_in_a_prior_are_doubted(law, named):
     assert len(slips) == bool(named) and all(re.search(named, text) for text in slips)
 
 
-def test_draws_of_the_prior_have_no_burn_in():
+def test_draws_of_the_prior_have_no_burn_in(monkeypatch):
     """What is pressed against a bound is told by them, however much is left out."""
+    monkeypatch.setattr("emcee_femu.results.groups.PRIOR_STORED", 200)
     model = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
     term = ef.FrequencyTerm([2.0], relative_sd=0.01)  # as of k = 4, out of bounds
     posterior = ef.LogPosterior(model, term, ef.IndependentPrior({"k": (6.0, 20.0)}))
-    run = ef.run(posterior, ef.DEMCMove(), 10, 1_300, seed=1, ensembles=1)
+    run = ef.run(posterior, ef.DEMCMove(), 16, 400, seed=1, ensembles=1)
     idata = ef.to_inference_data(run, discard=0)
-    kept, left = (ef.diagnose(idata, discard).fit for discard in (900, 1_100))
+    kept, left = (ef.diagnose(idata, discard).fit for discard in (150, 250))
     assert "pressed" in kept.sentence and "pressed" in left.sentence

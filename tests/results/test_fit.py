@@ -76,7 +76,7 @@ def named(diagnosis, term, kind):
 @pytest.mark.parametrize(
     ("which", "sensor"), [("gain", "s6"), ("turned", "s4"), ("exchanged", "s2 and s4")]
 )
-@pytest.mark.parametrize("error", ["delta", "sd"])
+@pytest.mark.parametrize("error", ["delta", pytest.param("sd", marks=pytest.mark.slow)])
 def test_a_wrong_sensor_does_not_fit_and_is_named(which, sensor, error):
     """Fault 2: all three were "inside"."""
     posterior = target(broken(which), **{error: 0.03 if error == "delta" else 0.01})

@@ -366,6 +366,7 @@ TWENTY = ef.LogPosterior(
 )
 
 
+@pytest.mark.slow
 def test_memory_stays_flat_while_a_file_grows_and_a_conversion_takes_little(tmp_path):
     options = {"nwalkers": 128, "ensembles": 1, "seed": 1}
     for steps in (2, 50):  # the first one pays for imports

@@ -51,7 +51,9 @@ def three_modes(x):
     [
         (gaussian, 6, 0.0, 1.0, 0.88),  # too heavy tails
         (gaussian, 6, 0.5, 0.3, 0.65),  # too narrow, and beside it
-        (gaussian, 20, 0.0, 1.0, 0.8),  # nothing but tails, though draws are few
+        pytest.param(  # nothing but tails, though draws are few
+            *(gaussian, 20, 0.0, 1.0, 0.8), marks=pytest.mark.slow
+        ),
         (three_modes, 2, 0.0, 1.0, 0.6),  # of one mode alone
     ],
 )
@@ -60,7 +62,7 @@ def test_a_proposal_gets_what_it_lacks(log_density, d, centre, sd, least):
     start = Mixture(np.ones(1), np.full((1, d), centre), sd**2 * np.eye(d)[None], 8.0)
     posterior = free_posterior(log_density, box(-8, 8, d))
     shares, evidences = [], []
-    for seed in range(5):
+    for seed in range(3):
         c = by_hand(posterior, seed)
         x = posterior.prior.sample(c.streams[0], 500)
         c.archive.add(x, c.evaluator.rows(x))

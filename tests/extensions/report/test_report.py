@@ -210,9 +210,12 @@ TERMS = {
     "displacement": (deflection, ef.DisplacementTerm(np.full((1, 60), 9.0), sd=0.1)),
     "receptance": (FRF, ef.frf.FRFTerm(LINES, sd=0.5, amplitude=True)),
 }
+SOME, *OTHERS = TERMS
 
 
-@pytest.mark.parametrize("kind", TERMS)
+@pytest.mark.parametrize(
+    "kind", [SOME, *(pytest.param(k, marks=pytest.mark.slow) for k in OTHERS)]
+)
 def test_terms_of_every_kind_are_described(kind, write):
     page = write(sample(ef.LogPosterior(*TERMS[kind], NORMAL)))
     assert "Assumptions" in headings(page)
