@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.contracts import assert_model, assert_term
+from support.derivatives import assert_jacobian
 
 import emcee_femu as ef
 
@@ -43,6 +44,42 @@ def test_a_wrong_model_is_found(fault):
     parameters = {name: value.copy() for name, value in K.items()}
     with pytest.raises(AssertionError, match=fault):
         assert_model(Linear(fault), parameters)
+
+
+CHAIN = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+ONE = {"k": np.array([9.0, 10.0, 11.0])}
+
+
+def paired_chain():
+    """Return three masses whose one stiffness is a factor: shapes and pairs stay."""
+    zero, mass = np.zeros((3, 3)), np.eye(3)
+    model = ef.MatrixModel(zero, mass, {"k": CHAIN}, n_modes=3, shapes=True)
+    modes = model(ONE)
+    test = ef.Measurements(modes.frequencies[0, :2], modes.shapes[0, :, :2])
+    return ef.PairedModel(model, test, candidates=3)
+
+
+@pytest.mark.parametrize("of", [lambda pair: pair, lambda pair: pair.model])
+def test_shapes_and_pairs_may_stay_and_their_slopes_be_zero(of):
+    assert_model(of(paired_chain()), ONE)
+    assert_jacobian(of(paired_chain()), ONE)
+
+
+@pytest.mark.parametrize("factor", [0.0, 1.0 + 1e-5, None])
+def test_a_wrong_jacobian_is_found(factor):
+    """It is zero, off by a small factor, or not there."""
+
+    class Wrong(ef.MatrixModel):
+        def jacobian(self, parameters):
+            response, slopes = super().jacobian(parameters)
+            slope = slopes["frequency"].pop("k")
+            if factor is not None:
+                slopes["frequency"]["k"] = factor * slope
+            return response, slopes
+
+    model = Wrong(np.zeros((3, 3)), np.eye(3), {"k": CHAIN}, n_modes=3)
+    with pytest.raises(AssertionError):
+        assert_jacobian(model, ONE)
 
 
 RIGHT = ef.DisplacementTerm(MEASURED[None], sd=SD)

@@ -11,6 +11,10 @@ from scipy import stats
 
 import emcee_femu as ef
 
+# What may be the same for all parameters of a right model: the shapes of modes, as
+# where one stiffness is a factor of all, and how they were paired.
+MAY_STAY = ("shapes", "mac", "model_mode", "unpaired")
+
 
 def _row(values, i):
     return {name: np.asarray(value)[i : i + 1] for name, value in values.items()}
@@ -37,7 +41,8 @@ def assert_model(model, parameters, rtol=1e-9):
         expected = (n, *variable.shape)
         assert value.shape == expected, f"{name}: {value.shape}, declared {expected}"
         assert np.isfinite(value).all(), f"{name} is not finite"
-        assert np.ptp(value, axis=0).any(), f"{name} is the same for all parameters"
+        changes = (value != value[:1]).any()
+        assert changes or name in MAY_STAY, f"{name} is the same for all parameters"
         assert np.array_equal(ef.contracts.read(copied, name), value), (
             f"{name} of a pickled copy"
         )
