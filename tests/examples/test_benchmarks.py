@@ -86,6 +86,14 @@ def test_default_runs():
 
 
 @pytest.mark.slow
+def test_paper_runs():
+    """The law of its page: the published means are ours, and the lobe is small."""
+    compared, others = load("paper_runs").main(1_500, 100)
+    assert max(compared.column("apart, sd")) < 0.5
+    assert 1 < others.column("ours")[1] < 6  # %
+
+
+@pytest.mark.slow
 def test_fit_calibration():
     """The law of its page: right tests fit, and wrong ones never do."""
     table = load("benchmarks/fit_calibration").main(10, 10, 78)
