@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..likelihoods.residuals import FitRecord
+from .. import checks
+from ..likelihoods.residuals import NOT_JUDGED, FitRecord
 from ..search.maxima import HITS
 from ..search.record import Chains
 from ..verdict.diagnosis import (
@@ -131,9 +132,20 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
     fit = judge_fit(idata, records, chains)
     data = records or ()
     judges = FURTHER if idata is not None else {}
-    further = {title: judge(idata) for title, judge in judges.items()}
+    further = {title: _ask(judge, idata) for title, judge in judges.items()}
     diagnosis = replace(diagnosis, data=data, further=further)
     return replace(diagnosis, chains=about, search=search, fit=fit)
+
+
+def _ask(
+    judge: Callable[[InferenceData], Statement], idata: InferenceData | None
+) -> Statement:
+    """Return a further statement; a judge that fails does not take the others along."""
+    try:
+        assert idata is not None
+        return checks.instance("the statement", judge(idata), Statement)
+    except Exception as error:  # of any kind: it is the user's judge
+        return Statement(NOT_JUDGED, NOT_JUDGED, f"not judged: it raised {error!r}.")
 
 
 def judge_search(maxima: MaximaWeights | None, cures: Cures) -> Statement:

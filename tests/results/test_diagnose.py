@@ -12,6 +12,7 @@ from support.chains import ar1, backend
 from support.gradients import Crossing
 
 import emcee_femu as ef
+from emcee_femu.results.diagnose import FURTHER
 
 HERTZ = np.array([3.13, 9.83])
 MASSES = np.array([16.5e3, 16.1e3])
@@ -436,3 +437,14 @@ def test_draws_of_the_prior_have_no_burn_in(monkeypatch):
     idata = ef.to_inference_data(run, discard=0)
     kept, left = (ef.diagnose(idata, discard).fit for discard in (150, 250))
     assert "pressed" in kept.sentence and "pressed" in left.sentence
+
+
+@pytest.mark.parametrize("faulty", [lambda idata: idata["nothing"], lambda idata: "ok"])
+def test_a_further_judge_that_fails_is_named_and_the_others_stay(faulty, monkeypatch):
+    """Whether it raises or returns no statement: a long run is judged all the same."""
+    run = ef.run(posterior_of(relative_sd=0.02), steps=60, ensembles=2, seed=1)
+    before = str(ef.diagnose(run))
+    monkeypatch.setitem(FURTHER, "Extra", faulty)
+    after = ef.diagnose(run)
+    assert after.further["Extra"].status == "not judged"
+    assert str(after).startswith(before) and "Extra: not judged" in str(after)
