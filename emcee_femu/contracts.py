@@ -35,7 +35,9 @@ observed    term          ``{name: array}``, the measured values by variable nam
 deviations  term          ``deviations(parameters, response)``: r and sd, each
                           ``(n, m)``, if the log-likelihood is the sum of those of
                           N(r; 0, sd) up to a constant; this gives the Fisher
-                          information and the residuals by which the fit is judged
+                          information and the residuals by which the fit is judged,
+                          by label too where m is the number of the data, or of the
+                          labels along some of their axes
 restore     term          ``restore(deviations)``: the measurements ``(n, *shape)`` that
                           have the deviations ``(n, m)``, so that new measurements
                           can be drawn; not needed if they are plain differences

@@ -15,7 +15,7 @@ group of k data is off: without fitted parameters it has the law Beta(k / 2, (n 
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
-from itertools import product
+from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -47,8 +47,8 @@ from .measured import INTERVAL
 SOLVED_AGAIN = 8
 ENOUGH_STORED = 1_000  # samples where nothing is solved
 MISFIT_BY_CHANCE = 0.01  # of a right test, over all groups that are looked at
-# chi^2 by its expectation below which a misfit does not matter: errors 10 % too small,
-# which thousands of data would show.
+# chi^2 over what a right model gives, up to which no misfit is reported: that of stated
+# errors 10 % too small. Of thousands of data even that would be more than chance.
 MATTERS = 1.2
 # Chance of a share of a term's chi^2; larger ones say nothing of where data are off.
 NOTABLE = 0.05
@@ -148,10 +148,10 @@ def _judge_experiment(
     sums = list[_Sum]()
     for term, name in zip(experiment.terms, experiment.term_names, strict=True):
         record = FitRecord(
-            FITS,
-            experiment.name,
-            name,
-            TERM,
+            status=FITS,
+            experiment=experiment.name,
+            term=name,
+            kind=TERM,
             error=term.discrepancy or "",
             variable=", ".join(map(experiment.full_name, term.observed)),
             paired=experiment.paired is not None,
@@ -173,7 +173,10 @@ def _judge_experiment(
             yield replace(record, status=NOT_JUDGED, reason=residuals)
     if len(posterior.experiments) > 1 and sums:
         all_data = _Sum(*map(sum, zip(*sums, strict=True)))
-        yield _test(FitRecord(FITS, experiment.name, "", EXPERIMENT), all_data)
+        record = FitRecord(
+            status=FITS, experiment=experiment.name, term="", kind=EXPERIMENT
+        )
+        yield _test(record, all_data)
 
 
 def _find_residuals(
@@ -347,7 +350,12 @@ def _as_label(place: object) -> str:
 def _place(
     experiment: Experiment, term: Term, z: Floats
 ) -> dict[str, NDArray[np.object_]]:
-    """Return labels of a term's data by dimension; empty if there are not as many."""
+    """Return labels of a term's deviations by dimension; empty where that is unknown.
+
+    If there are fewer deviations than data, as of amplitudes, which have no real and
+    imaginary parts, they belong to as many axes of the data as have their number, the
+    first ones of several.
+    """
     names = [*(term.observed or term.reads or ())]
     if len(names) != 1:
         return {}
@@ -357,14 +365,22 @@ def _place(
     shape = variable.shape
     if name in term.observed:
         shape = np.shape(term.observed[name])
-    while len(shape) > 1 and int(np.prod(shape)) > z.shape[1]:
-        shape = shape[:-1]  # of amplitudes: no real and imaginary parts
-    if int(np.prod(shape)) != z.shape[1] or len(shape) > len(variable.dims):
+    kept = next(
+        (
+            axes
+            for count in range(len(shape), 0, -1)
+            for axes in combinations(range(len(shape)), count)
+            if int(np.prod([shape[axis] for axis in axes])) == z.shape[1]
+        ),
+        (),
+    )
+    labels = [*variable.coords.items()]
+    if not kept or kept[-1] >= len(labels):
         return {}
     axes = {}
-    for size, (dim, labels) in zip(shape, variable.coords.items(), strict=False):
+    for size, (dim, of_term) in ((shape[axis], labels[axis]) for axis in kept):
         of_model = returned.coords.get(dim, ())
-        known = of_model if None in labels and len(of_model) >= size else labels
+        known = of_model if None in of_term and len(of_model) >= size else of_term
         axes[dim] = [*known][:size] if None not in known else [*range(1, size + 1)]
     every = np.array([*product(*axes.values())], dtype=object)
     return {dim: every[:, i] for i, dim in enumerate(axes)}

@@ -64,10 +64,10 @@ def judge_pairing(
         return
     if not paired.by_reference:
         yield FitRecord(
-            NOT_JUDGED,
-            experiment.name,
-            "measured shapes",
-            TERM,
+            status=NOT_JUDGED,
+            experiment=experiment.name,
+            term="measured shapes",
+            kind=TERM,
             reason="they pair modes, and no ShapeTerm compares them",
         )
     shares = (stored["mac"] < paired.min_mac).mean(axis=0)
@@ -78,7 +78,8 @@ def judge_pairing(
     )
     unlike = spurious if len(spurious) else unlike
     few = 2 * len(unlike) <= max(len(shares), 2)
-    record = FitRecord(RESEMBLES_NONE if few else MISFIT, experiment.name, "", MODE)
+    status = RESEMBLES_NONE if few else MISFIT
+    record = FitRecord(status=status, experiment=experiment.name, term="", kind=MODE)
     for i in unlike:
         mac = float(stored["mac"][:, i].mean())
         yield replace(record, label=str(i + 1), mac=mac, mac_expected=paired.min_mac)
@@ -108,7 +109,13 @@ def find_skipped(
         ]  # the last one leaves none out
         j = int(np.argmin(squares))
         if SKIP_BETTER * squares[j] < squares[m]:
-            yield FitRecord(SKIPPED, experiment.name, "", MODE, str(j + 1))
+            yield FitRecord(
+                status=SKIPPED,
+                experiment=experiment.name,
+                term="",
+                kind=MODE,
+                label=str(j + 1),
+            )
             return
 
 

@@ -1,16 +1,15 @@
 """The judge of the data: chi^2 of all that was measured, and what is named."""
 
 import json
-import runpy
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import arviz as az
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
+from support.examples import load
 
 import emcee_femu as ef
 from emcee_femu.likelihoods.residuals import (
@@ -25,7 +24,6 @@ from emcee_femu.results.fit import find_farthest, judge_data
 from emcee_femu.results.fit_modes import find_suspects, judge_modes
 from emcee_femu.results.measured import read_measured
 
-SCRIPT = Path(__file__).parents[2] / "examples/benchmarks/fit_calibration.py"
 N, M = 6, 3
 K = 1e3 * (2 * np.eye(N) - np.eye(N, k=1) - np.eye(N, k=-1))
 K[-1, -1] = 1e3
@@ -375,6 +373,37 @@ def test_gauges_and_channels_are_named_by_their_labels():
     assert fit.status == "fits" and "frf" in fit.sentence
 
 
+@pytest.mark.parametrize(
+    ("axes", "kinds"), [((), {"case", "point"}), ((1,), {"point"}), ((2,), {"case"})]
+)
+def test_deviations_of_several_data_are_named_by_the_axes_that_are_left(axes, kinds):
+    """One for each datum, for each point (of both cases) or for each case."""
+    coords = {"case": ["a", "b"], "point": ["x", "y", "z"]}
+    far = np.arange(6.0).reshape(2, 3)
+
+    class Sums:
+        name, names = "sums", ()
+        reads = {"u": ef.Variable(coords)}
+        observed = {"u": far}
+
+        def deviations(self, parameters, response):
+            r = (response["u"] - far).sum(axis=axes, keepdims=True)
+            return r.reshape(len(r), -1), np.ones((1, r[0].size))
+
+        def __call__(self, parameters, response):
+            r, sd = self.deviations(parameters, response)
+            return stats.norm.logpdf(r, 0, sd).sum(axis=1)
+
+    def model(p):
+        return {"u": p["k"][:, None, None] * far}
+
+    posterior = ef.LogPosterior(model, Sums(), ef.IndependentPrior(LAW))
+    found = ef.diagnose(sample(posterior), 40).data
+    groups = [(r.kind, r.label) for r in found if r.kind != "term"]
+    assert groups == [(kind, at) for kind in coords if kind in kinds
+                      for at in coords[kind]]  # fmt: skip
+
+
 def test_a_model_that_fails_when_asked_again_is_no_reason_to_stop():
     class Fails:
         names, available = ("k",), True
@@ -481,7 +510,7 @@ def test_records_are_written_and_read_as_they_were():
 @pytest.mark.slow
 def test_right_tests_are_let_pass_and_wrong_ones_are_named():
     """At other seeds than the page's; of 40 right ones at most 5 % are not let pass."""
-    script = runpy.run_path(str(SCRIPT))
+    script = vars(load("benchmarks/fit_calibration"))
     rows = script["study"](40, 20, 77)
     right = [row for row in rows if row.fault == "right"]
     wrong = [row for row in rows if row.fault != "right"]
