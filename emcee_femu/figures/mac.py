@@ -18,7 +18,8 @@ from ..results.to_arviz import read_samples_and_model
 from .style import RED, Style, add_panels, finish, show_mac, stack_parts
 
 FEW_MODES = 3  # modes of the model up to which the two panels are beside each other
-ROW = 0.52  # inches of a measured mode
+ROW = 0.4  # inches of a measured mode
+LEAST_HEIGHT = 2.0  # inches, beside which the label of the colours has its place
 COLUMN = 0.8  # inches of a mode of the model, at least
 
 
@@ -74,7 +75,9 @@ def plot_mac(
         m, q = [pairing.mac.shape for _, pairing in solved.values()][-1]
         columns.append(len(solved) if q <= FEW_MODES else 1)
         down = len(solved) // columns[-1]
-        sizes[test.name] = max(7.0, 1.8 + COLUMN * q), 0.3 + down * (1.1 + ROW * m)
+        height = max(LEAST_HEIGHT, 0.3 + down * (1.0 + ROW * m))
+        width = 1.0 + columns[-1] * (1.0 + COLUMN * q)
+        sizes[test.name] = max(7.0, width), height
     figure, parts = stack_parts(sizes)
     for test, solved, part, across in zip(tests, each, parts, columns, strict=True):
         mac = dataset(idata, "response")[test.full_name("mac")].values

@@ -75,7 +75,7 @@ def plot_predictive(
         raise ValueError(
             f"experiment: nothing was measured in {experiment!r}, only {there}"
         )
-    heights = [h for p in parts for h in ([3.4] if p.mac is None else [3.4, 1.7])]
+    heights = [h for p in parts for h in ([2.8] if p.mac is None else [2.8, 1.2])]
     width = float(np.clip(1.6 + 0.8 * max(len(p.labels) for p in parts), 7, 16))
     size = width, 1.2 + sum(heights)
     figure, panels = subplots(len(heights), 1, size, height_ratios=heights)

@@ -160,8 +160,9 @@ def judge_search(maxima: MaximaWeights | None, cures: Cures) -> Statement:
     few = from_prior // HITS
     reached = f" and 1 in {few:,} climbs" if few else ""
     sentence = (
-        f"{short}, by {maxima.searched:,} points and {climbs:,} climbs. Only a maximum "
-        f"that attracts fewer than 1 in {maxima.searched // HITS:,} points{reached} "
+        f"{short}, by {maxima.searched:,} points and {climbs:,} "
+        f"{'climb' if climbs == 1 else 'climbs'}. Only a maximum that attracts fewer "
+        f"than 1 in {maxima.searched // HITS:,} points{reached} "
         "could have been missed."
     )
     if maxima.held > 1:

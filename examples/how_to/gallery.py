@@ -60,13 +60,13 @@ ef.figures.plot_tae(run)
 
 # %%
 channel = [(2, 2)]
-frequencies = np.linspace(1.0, 12.0, 150)
-response = ef.frf.FRFModel(model, frequencies, channel, damping=0.02)
+frequencies = np.linspace(1.0, 12.0, 80)
+units = {"unit": "m/kN"}
+response = ef.frf.FRFModel(model, frequencies, channel, damping=0.02, **units)
 H = response({n: np.array([x]) for n, x in truth.items()})["receptance"][0] @ [1, 1j]
-measured = ef.frf.FRFMeasurements(frequencies, H, channel, kind="receptance")
-error = 0.05 * np.abs(H).max()
-by_frf = ef.LogPosterior(response, ef.frf.FRFTerm(measured, sd=error), prior)
-frf_run = ef.run(by_frf, ef.DEMCMove(), 20, 100, ensembles=1, seed=1)
+measured = ef.frf.FRFMeasurements(frequencies, H, channel, kind="receptance", **units)
+term = ef.frf.FRFTerm(measured, sd=0.5 * np.abs(H))
+frf_run = ef.run(ef.LogPosterior(response, term, prior), steps=60, seed=1)
 
 # %% mystnb={"image": {"alt": "Measured amplitudes of an FRF and the band of the updated model"}}
 ef.frf.plot_frf(frf_run)

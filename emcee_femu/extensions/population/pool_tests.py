@@ -86,7 +86,7 @@ class PooledTests(Report):
             self.run,
             "The population",
             (tests, *covariates),
-            "None: the draws of the tests are weighed again, {} times.",
+            "No model was solved again: the draws of the tests were weighed {} times.",
             "plot_population",
             "The parameters of each test, alone and given all tests; the population "
             "and the next test.",

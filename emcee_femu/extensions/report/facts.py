@@ -24,6 +24,7 @@ from ...table import Column, Table, number_columns
 from ...verdict.diagnosis import CONVERGED, NOT_CONVERGED, Diagnosis
 
 TELLING = 2  # mode shapes on the first page
+WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[^A-Z]+")  # of a class: FRFModel has two
 TRANSLATION = re.compile(r"(.+):u([xyz])")
 MOST_LISTED = 12  # sensors or supports, of which each is named
 
@@ -121,8 +122,9 @@ def describe_model(
     """Yield what an FE model consists of, as far as it says so itself."""
     paired = experiment.paired
     model = experiment.model if paired is None else paired.model
-    kind = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", type(model).__name__)
-    yield "Model", f"{kind[:1]}{kind[1:].lower()}"
+    words = WORD.findall(type(model).__name__)
+    kind = " ".join(word if word.isupper() else word.lower() for word in words)
+    yield "Model", f"{kind[:1].upper()}{kind[1:]}"
     dofs = [*map(str, read_declared(model, "dofs") or ())]
     geometry = read_declared(model, "geometry")
     if geometry is not None:

@@ -62,7 +62,7 @@ Derived: TypeAlias = Mapping[str, tuple[Callable[[Parameters], Floats], str]]
 
 MOST_ROWS = 40  # of a table; figures show the rest
 SHAPE_ERROR = 0.01  # by which measured shapes are printed
-MOST_PAIRED = 6  # parameters that a scatter figure shows at page width
+MOST_PAIRED = 4  # parameters of a scatter figure that is read at half a page's width
 PRIOR_DRAWN = 20_000  # draws, for the ends of its intervals
 CONTENTS = "[contents]"  # where they will be
 TEXTS = ("author", "project", "date", "structure", "question", "conclusion")
@@ -178,14 +178,13 @@ def report(
         note=note_of(idata),
         outcome=tabulate_result(idata),
         trust=say_trust(judged, measured),
-        models=[
-            (e.name, [*describe_model(e, sampled)]) for e in experiments if sampled
-        ],
+        models=[(e, [*describe_model(e, sampled)]) for e in experiments if sampled],
         parameters=parameter_table(
             idata, var_names=[*map(str, idata["posterior"].data_vars)]
         ),
         derived=_tabulate_derived(idata, derived) if derived is not None else None,
         frequencies=[*zip(places, frequencies, strict=True)],
+        scattered=len(samples(idata)[0]) <= MOST_PAIRED,
         pictures=dict(_draw_all(idata, sampled, measured, result, own)),
         predicted=_tabulate_predictions(idata, sampled, measured),
         fitted=frequency_table(idata) if frequencies else None,

@@ -3,7 +3,11 @@
 import hashlib
 import html
 import re
+import runpy
+import shutil
+import subprocess
 import sys
+from pathlib import Path
 
 import arviz
 import emcee
@@ -11,6 +15,7 @@ import numpy as np
 import pytest
 from matplotlib import pyplot as plt
 from numpy.testing import assert_allclose
+from PIL import Image
 from scipy import stats
 
 import emcee_femu as ef
@@ -273,6 +278,45 @@ def test_the_model_is_described_by_its_own_numbers(write):
     (mass,) = re.findall(r"Moving mass ([\d.]+)", page)
     # The beam, and of each leg what its cubic moves of a top that does not turn: 13/35.
     assert float(mass) == pytest.approx(4 + 2 * 3 * 13 / 35, rel=1e-3)
+
+
+class OwnFRFModel:
+    """One frequency, of the sum of all parameters."""
+
+    def __call__(self, parameters):
+        return {"frequency": sum(parameters.values())[:, None] ** 0.5}
+
+
+def test_a_model_is_called_by_the_words_of_its_class_and_pairs_by_what_is_drawn(write):
+    for count, caption in ((2, "Samples"), (5, "Correlations")):
+        prior = ef.IndependentPrior({f"k{i}": (0.1, 9.0) for i in range(count)})
+        term = ef.FrequencyTerm([3.0], sd=0.25)
+        posterior = ef.LogPosterior(OwnFRFModel(), term, prior)
+        run = ef.run(posterior, ef.DEMCMove(), 16, 200, ensembles=1, seed=1)
+        page = said(write(run))
+        assert "Model Own FRF model" in page
+        assert f"{caption} of the posterior by pairs of parameters" in page
+
+
+@pytest.mark.slow
+def test_a_printed_report_has_no_page_that_is_less_than_half_full(tmp_path):
+    """The portal frame of the tutorial, on four pages of A4."""
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None or shutil.which("pdftoppm") is None:
+        pytest.skip("no Chromium, or no pdftoppm (poppler), on this machine")
+    tutorials = Path(__file__).parents[3] / "examples/tutorials"
+    run = runpy.run_path(str(tutorials / "portal_frame.py"))["run"]
+    path = ef.report(run, tmp_path / "report.html")
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--no-pdf-header-footer"]
+    printed = f"--print-to-pdf={tmp_path / 'report.pdf'}"
+    subprocess.run([chromium, *options, printed, path.as_uri()], check=True, timeout=99)
+    draw = ["pdftoppm", "-r", "40", "-gray", "-png", "report.pdf", "page"]
+    subprocess.run(draw, cwd=tmp_path, check=True)
+    pages = [np.array(Image.open(p)) for p in sorted(tmp_path.glob("page*.png"))]
+    assert len(pages) == 4
+    for page in pages:
+        dark = np.flatnonzero((page < 200).any(axis=1)) / len(page)
+        assert dark[dark < 0.95].max() > 0.5  # below it are the numbers of pages
 
 
 def test_a_report_of_several_experiments_has_contents_that_lead_to_its_headings(write):
