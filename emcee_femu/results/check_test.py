@@ -58,6 +58,9 @@ def check_test(source: object, posterior: LogPosterior | None = None) -> SensorC
     3 % at a sensor, the odds that one sensor is wrong must be above one, when one test
     in twenty has such a sensor. The errors stated in a :class:`ShapeTerm` are not
     used. Two wrong sensors at once are named only if putting one right helps by itself.
+    A sensor at another place, or along another axis, than the test says is not looked
+    for, unless another sensor is there: then the two seem to be exchanged. If shapes do
+    not fit and no sensor is suspect, look at the places and directions yourself.
 
     Args:
         source: The posterior, tried at its prior mean; the result of :func:`find_map`,

@@ -45,8 +45,8 @@ DOES_NOT_FIT, NOT_CHECKED = "does not fit", "not checked"
 OFF = MISFIT, RESEMBLES_NONE
 LEAVE_OUT = "Leave it out, and ask whether it is a harmonic of a machine, or noise."
 CHECK_SENSORS = (
-    "turned round, exchanged with another, of another gain or unit, or at another "
-    "place? check_test(posterior) tries each."
+    "turned round, exchanged with another, or of another gain or unit? check_test("
+    "posterior) tries each. It does not try other places or directions."
 )
 PAIR = "Pair the modes by shape: PairedModel(model, ...)."
 OLD = (
