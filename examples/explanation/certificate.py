@@ -81,7 +81,7 @@ ef.parameter_table(certificates["a little off"].idata)
 # errors were within its tolerance (`emulated.settled`, `certificate.settled`). The run on
 # the emulated posterior knows this, and so does its ArviZ object, also if it was read
 # back from netCDF. The paper's mass-spring problem shows why. A lobe at small k4 holds
-# 2.8 % of its posterior. An emulator of 14 solves leaves it out. All weights are alike,
+# a few percent of its posterior. An emulator of 14 solves leaves it out. All weights are alike,
 # and the standard deviation of k4 is far too small:
 
 # %%

@@ -117,12 +117,11 @@ if __name__ == "__main__":
 # %% [markdown]
 # ## Can the result be trusted?
 #
-# Over 24 such simulated records, chi-square of the five stiffnesses has a mean of 4.6;
-# the ideal is 5. `Fn_std` is 0.87 to 1.12 of the scatter of the frequencies, so it can
-# be used as it is. `Phi_std` of pyOMA2 1.4.3 is 4.5 times the scatter of the shapes,
-# and `from_pyoma2` ignores it by default (`tests/examples/test_ambient_vibration.py`
-# watches both). Inferring delta makes the posterior overconfident: one number cannot
-# stand for the first mode's shape and for the fifth's, which is four times noisier.
+# `tests/examples/test_ambient_vibration.py` repeats the identification for many
+# records. `Fn_std` is near the scatter of the frequencies and can be used as it is.
+# `Phi_std` of pyOMA2 is several times the scatter of the shapes, and `from_pyoma2`
+# ignores it by default. Inferring delta makes the posterior overconfident: one number
+# cannot stand for the first mode's shape and for the fifth's, which is much noisier.
 
 # %% tags=["remove-cell"]
 if __name__ == "__main__":

@@ -161,7 +161,7 @@ ef.figures.plot_predictive(runs[inferred])
 # Five frequencies say little about the size of an error, so its prior matters. A prior
 # that expects 0.2 % keeps the error too small, and the posterior too narrow
 # ({py:func}`~emcee_femu.identifiability` then says that model and data disagree). A prior
-# ten times too wide makes the posterior wider by a third to a half. So use a scale that
+# that is far too wide makes the posterior too wide. So use a scale that
 # would not surprise you, rather too large, and report it.
 #
 # ## Unknown noise
