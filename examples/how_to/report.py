@@ -61,7 +61,7 @@ ef.report(run, path, title=title, text=text, derived=derived).name
 
 # %% [markdown]
 # This is the file. The first page has the question, the result and how far it can be
-# trusted; how it was done is at the end. Its pictures are inside, so you can send it.
+# trusted; how to repeat it is at the end. Its pictures are inside, so you can send it.
 
 # %%
 import html
