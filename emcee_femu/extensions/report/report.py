@@ -82,13 +82,13 @@ def report(
     """Write one HTML file to hand over, with the answer on its first page.
 
     The first page has the structure, the question, the result and, in one sentence,
-    what :func:`diagnose` says of it. Then come the test, the model, priors and posteriors with
-    their correlations, the likelihood in words and formulas, the fit before and after,
-    mode shapes and their MAC where modes are paired (and drawn where the model has a
-    ``geometry``, :class:`Geometry`), and :func:`identifiability`. How the samples were
-    judged and how to repeat them is at the end: the statements, the solves, seeds,
-    versions, digests of the data, and the call that writes the file again. A line
-    explains each number. Pictures are inside the file, which
+    what :func:`diagnose` says of it. Then come the test, the model, priors and
+    posteriors with their correlations, the likelihood in words and formulas, the fit
+    before and after, mode shapes and their MAC where modes are paired (and drawn where
+    the model has a ``geometry``, :class:`Geometry`), and :func:`identifiability`. How
+    the samples were judged and how to repeat them is at the end: the statements, the
+    solves, seeds, versions, digests of the data, and the call that writes the file
+    again. A line explains each number. Pictures are inside the file, which
     prints on A4. What the source does not know is left out. Writing costs a solve for
     each experiment with frequencies and three more where modes are paired. An existing
     file is overwritten.
