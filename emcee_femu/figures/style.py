@@ -29,6 +29,7 @@ Style: TypeAlias = dict[str, Any]  # keyword arguments of matplotlib
 
 # Red for the result, blue for what it is compared with.
 RED, BLUE, GREY = "#c8102e", "#1f5fa8", "0.45"
+NAME_HEIGHT = 0.4  # inches of an experiment's name above its part of a figure
 BELOW: Style = {"loc": "outside lower center", "ncols": 2, "frameon": False}  # legends
 
 
@@ -152,8 +153,11 @@ def stack_parts(sizes: Mapping[str, Size]) -> tuple[Figure, list[FigureBase]]:
         sizes: Inches of each, by the name that stands above it; that of a single one
             stands above the figure.
     """
-    widths, heights = zip(*sizes.values(), strict=True)
-    figure = plt.figure(figsize=(max(widths), sum(heights)), layout="constrained")
+    widths, heights = np.transpose([*sizes.values()])
+    if len(sizes) > 1:
+        heights = heights + NAME_HEIGHT
+    size = max(widths), sum(heights)
+    figure = plt.figure(figsize=size, layout="constrained")
     if len(sizes) == 1:
         return figure, [figure]
     parts = figure.subfigures(len(sizes), 1, squeeze=False, height_ratios=heights)
