@@ -10,6 +10,7 @@ from support.beams import BOUNDS, OPTIONS, draws, reduce, three_parts
 from support.derivatives import assert_jacobian
 
 import emcee_femu as ef
+from emcee_femu.models.eigen_dense import BLURRED, find_ill_scaled
 
 SIZE = 9
 
@@ -259,3 +260,19 @@ def test_only_a_model_with_derivatives_passes_them_on():
     np.testing.assert_array_equal(one, other)
     function = ef.FunctionModel(lambda p: [1.0], variables=with_them.model.variables)
     assert ef.PairedModel(function, with_them.measurements).jacobian is None
+
+
+@pytest.mark.parametrize("size", [1e-30, 1.0, 1e30])
+def test_a_stiffness_is_large_beside_the_usual_one_if_there_is_one(size):
+    """A mechanism is none of rounding, and the dense solver sees it best."""
+    stiffness = [[1, 1, 1e13], [1, 2, 3], [0, 0, 1], [0, 0, 0], [-1, -1, 1]]
+    stiffness, mass = size * np.array(stiffness), np.full((5, 3), 2.0)
+    large = find_ill_scaled(stiffness, mass)
+    assert large.tolist() == [True, False, False, False, False]
+    assert not find_ill_scaled(stiffness[:1], stiffness[:1]).any()
+
+
+def test_a_row_at_the_limit_of_large_stiffnesses_is_judged_as_if_alone():
+    stiffness, mass = np.array([[1.0, 1.0, BLURRED], [1.0, 1.0, 1e36]]), np.ones((2, 3))
+    alone = [find_ill_scaled(row[None], mass[:1]).item() for row in stiffness]
+    assert find_ill_scaled(stiffness, mass).tolist() == alone

@@ -8,6 +8,8 @@ from support.pool_problems import forks
 from support.tempered_laws import BoundedLaw, GaussianLaw
 
 import emcee_femu as ef
+from emcee_femu.moves import IndependenceMove
+from emcee_femu.search.anneal import _renew
 
 LIMIT = 5.0
 LAW = GaussianLaw()
@@ -98,6 +100,23 @@ def test_the_effective_size_counts_descendants_of_one_draw_as_one():
     size = np.mean(centres**2) / np.mean(means**2)
     assert size < 30
     assert 1 / 3 < np.mean([p.effective_size for p in annealed]) / size < 3
+
+
+def test_members_that_steps_renewed_have_forgotten_half_of_where_they_were():
+    """Of independence proposals, which are far off here, none is accepted."""
+    n, d = 400, 16
+    random = np.random.RandomState(1)
+    far = IndependenceMove([1.0], np.full((1, d), 9.0), np.eye(d)[None])
+
+    def rows(theta):
+        return np.column_stack([-0.5 * (theta**2).sum(axis=1), np.zeros(len(theta))])
+
+    theta, halves = random.standard_normal((n, d)), np.split(np.arange(n), 2)
+    moved = _renew(
+        rows, theta, rows(theta), halves, 1.0, random, [far, far], False, 200
+    )
+    assert len(moved.accepted) < 200
+    assert np.mean(theta * moved.theta) < 0.5  # a correlation, within 0.01
 
 
 @forks

@@ -5,7 +5,10 @@ from matplotlib.text import Text
 
 
 def assert_readable(figure):
-    """Check that every text lies on the canvas, up to 1 px, and on no other text."""
+    """Check that every text lies on the canvas, up to 1 px, and on no other text.
+
+    None is smaller than six points, the least that journals print.
+    """
     assert type(figure) is Figure
     figure.canvas.draw()  # once, as savefig does
     hidden = set()
@@ -21,6 +24,7 @@ def assert_readable(figure):
     boxes = []
     for text in figure.findobj(Text):
         if text.get_visible() and text.get_text() and text not in hidden:
+            assert text.get_fontsize() >= 6, text.get_text()
             box = text.get_window_extent()
             inside = box.x0 >= -1 and box.y0 >= -1 and box.x1 <= width + 1
             assert inside and box.y1 <= height + 1, (text.get_text(), box)
