@@ -87,6 +87,17 @@ def test_every_pair_has_the_covariance_ellipse_of_all_samples():
     assert_readable(figure)
 
 
+@pytest.mark.parametrize("length", [1, 18])
+def test_a_long_name_is_written_smaller_and_a_short_one_no_larger(length):
+    names = ["k" * length, "m" * length]
+    figure = ef.figures.plot_scatter(by_hand({n: NORMAL[..., 0] for n in names}))
+    figure.draw_without_rendering()
+    axes = panels(figure)[1, 0]
+    for label, beside in ((axes.xaxis.label, "width"), (axes.yaxis.label, "height")):
+        long = getattr(label.get_window_extent(), beside)
+        assert long <= getattr(axes.bbox, beside) and label.get_size() <= 10
+
+
 @pytest.mark.parametrize("label", LAWS)
 def test_an_ellipse_where_samples_are_gaussian_and_regions_elsewhere(label):
     draws, gaussian = LAWS[label]

@@ -247,6 +247,19 @@ def test_the_search_of_a_long_run_is_a_small_part_of_it():
     assert run.search.solves < 0.2 * run.solves
 
 
+def test_a_density_without_residuals_or_gradients_is_searched_with_more_points():
+    """Climbs, which find what points missed, are dear there."""
+    points = []
+    for differentiable, observed in ((0, {}), (0, {"y": 1}), (1, {}), (1, {"y": 1})):
+        term = SimpleNamespace(observed=observed)
+        posterior = SimpleNamespace(
+            ndim=2, terms=[term], differentiable=bool(differentiable), normal=False
+        )
+        evaluator = SimpleNamespace(posterior=posterior, solves=0)
+        points.append(auto._plan(evaluator, 24, 4_000, 10_000)[1].points)
+    assert points[0] >= 2 * points[1] and len(set(points[1:])) == 1
+
+
 @pytest.mark.slow
 def test_auto_beats_plain_demc():
     """The law of "auto" where there is one mode: effective draws per evaluation."""

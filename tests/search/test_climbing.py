@@ -92,6 +92,21 @@ def test_a_narrow_maximum_on_the_side_of_a_wide_one_is_another():
     assert sorted(map(sorted, distinct(ends))) == [[0, 2], [1]]
 
 
+def test_a_climb_leaves_a_saddle_on_its_higher_side():
+    """Between two equal maxima the slope is small, and in their middle zero."""
+
+    def density(x):
+        high, low = (-0.5 * (x[:, 0] - top) ** 2 for top in (3.0, -3.0))
+        return np.logaddexp(high, low) - 0.5 * x[:, 1] ** 2
+
+    evaluator = Evaluation(Solver(free_posterior(density, box(-10, 10, 2)), False))
+    near = np.array([-1e-6, -1e-7, 0.0, 1e-7, 1e-6])
+    ends = climb(evaluator, np.column_stack([near, np.ones(5)]))
+    tops = np.array([end.theta for end in ends])
+    assert_allclose(np.abs(tops), [[3.0, 0.0]] * 5, atol=1e-4)
+    assert np.array_equal(np.sign(tops[:, 0])[near != 0], np.sign(near[near != 0]))
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_the_mass_of_a_very_thin_gaussian_is_that_of_its_draws(seed):
     rng = np.random.default_rng(seed)
