@@ -424,6 +424,20 @@ def test_a_model_that_fails_when_asked_again_is_no_reason_to_stop():
     assert found.status == "not checked" and "no licence" in found.sentence
 
 
+def test_groups_are_judged_by_samples_alone_where_the_prior_mean_has_no_solution():
+    """At the prior mean a group may be clearer, and is never less clear."""
+    theta = 1 + 0.01 * np.random.default_rng(1).standard_normal((40, 1))
+    term = ef.FrequencyTerm(HERTZ * [1.0, 1.0, 1.02], relative_sd=0.005)
+    posterior = ef.LogPosterior(MODEL, term, ef.IndependentPrior(LAW))
+    rows, (initial,) = posterior(theta), posterior(np.ones((1, 1)))
+    both = judge_data(posterior, theta, rows, initial)
+    alone = judge_data(posterior, theta, rows, np.full_like(initial, np.nan))
+    assert len(both) == len(alone) == 1 + M
+    for one, other in zip(both[1:], alone[1:], strict=True):
+        assert (one.label, one.chi2) == (other.label, other.chi2)
+        assert 0 <= one.p_share <= other.p_share <= 1
+
+
 def test_it_costs_eight_solves_where_shapes_are_not_stored_and_none_elsewhere():
     asked = []
 

@@ -154,8 +154,12 @@ def test_pairing_table_equals_numbers_by_hand():
     # By index is right only in the two samples of ascending order.
     assert_allclose(table.column("wrong by index in %"), [10, 80, 80, 80])
     assert "40 % of 10 samples" in table.title
+    predictions, unpaired = ef.predictive_table(idata), made(np.ones((1, 4, 3)))
+    for title in ("MAC", "MAC 5 %"):
+        assert predictions.column(title) == table.column(title)[:3]
+        assert title not in ef.predictive_table(unpaired).columns
     with pytest.raises(ValueError, match="PairedModel"):
-        ef.pairing_table(made(np.ones((1, 4, 3))))
+        ef.pairing_table(unpaired)
 
 
 def test_tables_of_a_sampled_paired_model_report_its_crossings():
