@@ -139,6 +139,11 @@ def test_groups_their_data_and_how_they_were_made(idata):
     places = np.nonzero(np.isin(new.values[..., 0], some.values[..., 0]))
     assert len(places[0]) == some.sizes["draw"]
     assert len({*places[0]}) == new.sizes["chain"]  # 500 of 600
+    for dim in (
+        "chain",
+        "draw",
+    ):  # numbered from zero, as ArviZ numbers those of others
+        assert some[dim].values.tolist() == [*range(some.sizes[dim])]
 
 
 def test_a_tempered_run_read_from_its_file_has_its_cold_walkers_only(tmp_path):
