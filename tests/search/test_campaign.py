@@ -12,7 +12,7 @@ from emcee_femu.moves.mixture import Mixture
 from emcee_femu.search import auto, tails
 from emcee_femu.search.adapt import adapt, carry, judge
 from emcee_femu.search.climbing import climb
-from emcee_femu.search.explore import explore
+from emcee_femu.search.explore import _Exploration, explore
 from emcee_femu.search.proposal import CARRIER, TAIL, Proposal
 from emcee_femu.search.tails import follow_tails
 
@@ -49,6 +49,16 @@ def test_exploring_finds_both_maxima_and_fills_the_archive():
     assert np.sum(c.maxima.found_by) == c.maxima.climbs > 2  # each ended at one
     assert c.points > 900 and len(c.archive.x) > 500
     assert c.evaluator.solves < c.ledger.end() < c.ledger.total
+
+
+def test_points_beyond_a_valley_are_told_from_those_on_a_slope():
+    c = by_hand(free_posterior(two, box(-40, 40, 2)), ensembles=1)
+    (top,) = climb(c.evaluator, np.zeros((1, 2)))
+    c.maxima.add(top, 0)
+    search, slope = _Exploration(c), [[0.5, 0.0], [-3.0, 2.0], [6.0, -1.0], [0, 30]]
+    beyond = [[FAR, 0.0], [FAR - 1, 2.0], [FAR + 3, -3.0]]
+    search.evaluate([np.array([*slope, *beyond])])
+    assert search._find_valleys(range(7)) == [4, 5, 6]
 
 
 def test_draws_that_carry_a_variance_get_a_component():
