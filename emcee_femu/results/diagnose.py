@@ -131,18 +131,18 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
     idata, records = _read(source, chains)
     fit = judge_fit(idata, records, chains)
     data = records or ()
-    judges = FURTHER if idata is not None else {}
-    further = {title: _ask(judge, idata) for title, judge in judges.items()}
+    further = {}
+    if idata is not None:
+        further = {title: _ask(judge, idata) for title, judge in FURTHER.items()}
     diagnosis = replace(diagnosis, data=data, further=further)
     return replace(diagnosis, chains=about, search=search, fit=fit)
 
 
 def _ask(
-    judge: Callable[[InferenceData], Statement], idata: InferenceData | None
+    judge: Callable[[InferenceData], Statement], idata: InferenceData
 ) -> Statement:
     """Return a further statement; a judge that fails does not take the others along."""
     try:
-        assert idata is not None
         return checks.instance("the statement", judge(idata), Statement)
     except Exception as error:  # of any kind: it is the user's judge
         return Statement(NOT_JUDGED, NOT_JUDGED, f"not judged: it raised {error!r}.")
