@@ -24,7 +24,8 @@ from .quadratic import moments_inside
 
 # Most maxima in the tables.
 SHOWN_MAXIMA = 4
-# Draws for each one that is wanted inside the bounds.
+# Draws for each one that is wanted inside the bounds, which cost no solve; a Gaussian
+# of which fewer than 1 % is inside is refused.
 TRIALS = 100
 
 

@@ -308,7 +308,8 @@ class SearchRecord(Report):
         count = len(self.weights)
         parts = [f"{100 * s:.0f} % {type(m).__name__}" for m, s in self.moves(None)]
         return (
-            f"a search by {self.points:,} points and {self.climbs:,} climbs found "
+            f"a search by {self.points:,} points and {self.climbs:,} climb"
+            f"{'' if self.climbs == 1 else 's'} found "
             f"{'one maximum' if count == 1 else f'{count} separated maxima'}; "
             f"{'an annealed population, ' if self.annealed else ''}"
             f"{len(self.mixture.weights)} Student-t components refined by importance "

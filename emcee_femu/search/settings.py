@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Settings:
-    """The sizes of a run; the page "What auto does" shows the effect of half and twice.
+    """The sizes of a run; CONTRIBUTING.md names a table of what half and twice do.
 
     Attributes:
         sized_for: Evaluations of the chain for which a search is made if the run ends
