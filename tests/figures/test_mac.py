@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from support.chains import dataset
 from support.figures import assert_readable
 from support.tower import HERTZ, MEASURED, MODEL, PRIOR, SHAPES, at_mean, solved
 
@@ -31,6 +32,12 @@ def test_the_matrix_has_the_mac_before_and_after_with_frames_around_the_pairs():
             assert_allclose(axes.images[0].get_array(), expected, rtol=1e-9)
             centres = [np.mean(p.get_corners(), axis=0) for p in axes.patches]
             assert_allclose(centres, pairs, atol=1e-12)
+        mac = dataset(ef.to_inference_data(source), "response")["mac"].values
+        for x, mode in pairs:  # to three digits, since many are close to 1
+            (text,) = (t for t in axes.texts if t.get_position() == (x, mode))
+            ends = [float(end) for end in text.get_text().split("\n")[1].split("–")]
+            expected = np.quantile(mac[..., mode], [0.025, 0.975])
+            assert_allclose(ends, expected, rtol=0, atol=6e-4)
 
 
 @pytest.mark.parametrize(("gap", "names"), [(0.0199, "of 1, 2"), (0.0201, "")])

@@ -114,6 +114,15 @@ def test_wrong_matrices_are_named_by_their_parameters(kind, K0, K, M, skip, mess
         MatrixModel(np.eye(5), FREE["k"], {}, n_modes=1)
 
 
+@pytest.mark.parametrize("kind", [np.asarray, sparse.csc_array])
+def test_of_several_sets_that_with_a_mass_below_zero_is_named(kind):
+    units = {"a": kind(np.diag([1.0, 0.0])), "b": kind(np.diag([0.0, 1.0]))}
+    K0 = kind(np.array([[2.0, -1.0], [-1.0, 2.0]]))
+    model = MatrixModel(K0, 0 * K0, {}, units, n_modes=1)
+    with pytest.raises(ValueError, match="mass .*'a': -1.0, 'b': 100"):
+        model({"a": np.array([1.0, -1.0, 2.0]), "b": np.array([1.0, 100.0, 2.0])})
+
+
 @pytest.mark.parametrize("kind", [np.array, sparse.csc_array])
 def test_rows_of_held_dofs_are_named(kind):
     """A free chain of four with two rows that an export kept, and parts of it."""

@@ -67,3 +67,10 @@ def test_a_mechanism_is_named(kind, tip):
     theta = np.array([[1.0, 1.0], [1.0, tip]])
     with pytest.raises(ValueError, match=f"not positive definite at .*'tip': {tip}"):
         cantilever(kind)(as_parameters(theta))
+
+
+def test_of_several_sets_the_mechanism_is_named_however_stiff_it_is_elsewhere():
+    springs = {"soft": np.diag([1.0, 0.0]), "stiff": np.diag([0.0, 1.0])}
+    model = ef.StaticModel(np.zeros((2, 2)), {"pull": np.ones(2)}, springs)
+    with pytest.raises(ValueError, match="'soft': -1.0, 'stiff': 100"):
+        model({"soft": np.array([1.0, -1.0, 2.0]), "stiff": np.array([1, 100.0, 2])})

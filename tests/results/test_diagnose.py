@@ -2,6 +2,7 @@
 
 import re
 import warnings
+from types import SimpleNamespace
 
 import arviz as az
 import emcee
@@ -12,7 +13,9 @@ from support.chains import ar1, backend
 from support.gradients import Crossing
 
 import emcee_femu as ef
-from emcee_femu.results.diagnose import FURTHER
+from emcee_femu.results.diagnose import FURTHER, judge_search
+from emcee_femu.search.maxima import HITS
+from emcee_femu.verdict.diagnosis import OF_RUN
 
 HERTZ = np.array([3.13, 9.83])
 MASSES = np.array([16.5e3, 16.1e3])
@@ -448,3 +451,14 @@ def test_a_further_judge_that_fails_is_named_and_the_others_stay(faulty, monkeyp
     after = ef.diagnose(run)
     assert after.further["Extra"].status == "not judged"
     assert str(after).startswith(before) and "Extra: not judged" in str(after)
+
+
+@pytest.mark.parametrize("from_prior", [0, HITS - 1, HITS, 100])
+def test_a_search_by_few_climbs_claims_nothing_by_them(from_prior):
+    """What it may have missed is less than one in so many, a whole number."""
+    maxima = SimpleNamespace(
+        importance=[1.0], climbs=(200, from_prior), searched=1_000, held=1
+    )
+    told = judge_search(maxima, OF_RUN).sentence
+    shares = [int(n) for n in re.findall(r"1 in (\S+) (?:points|climbs)", told)]
+    assert shares == [n // HITS for n in (1_000, from_prior) if n >= HITS]
