@@ -78,6 +78,8 @@ def assert_is_the_chain(idata, runs, discard=0, thin=1):
             found = dataset(idata, group)[name]
             assert found.dims == ("chain", "draw", "mode")[: 1 + value.ndim]
             assert_array_equal(found.values[chain], value)
+        densities = dataset(idata, "log_prior")[NAMES].isel(chain=chain)
+        assert_allclose(densities.to_array().sum("variable"), blobs[:, 0], rtol=1e-11)
         factors = dataset(idata, "log_likelihood")["data"][chain]
         assert factors.datum.values.tolist() == DATA
         assert_array_equal(factors[:, 2], blobs[:, 2])
