@@ -235,3 +235,13 @@ def test_sensors_at_labelled_dofs_have_the_names_of_these():
     )
     assert named.sensors == ("a", "b")
     assert Measurements([3.0], shapes=shapes, dofs=[4, 2]).sensors == ("s1", "s2")
+
+
+def test_a_mac_compares_translations_at_all_sensors_there_are():
+    """By a mode that only turns, rotations are compared; without shapes, nothing."""
+    assert Measurements(F).compared.shape == (len(Measurements(F).sensors), len(F))
+    assert_array_equal(Measurements(F, shapes=SHAPES).compared, SHAPES)
+    turning = np.array([[1.0, 0.0], [0.5, 0.0], [0.2, 1.0]])
+    test = Measurements([3, 9], shapes=turning, dofs=["1:x", "2:y", "2:rz"])
+    expected = [[1.0, np.nan], [0.5, np.nan], [np.nan, 1.0]]
+    assert_array_equal(test.compared, expected)
