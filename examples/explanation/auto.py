@@ -102,10 +102,9 @@ for move, share in run.moves:
 # ## What is on record
 #
 # `run.search` has the proposal, the separated maxima of its components, and their
-# weights by importance sampling with standard errors. Maxima nearer than about 4.5
-# standard deviations, with a valley of up to about 2 in the log-posterior, count as one:
-# walkers pass between them easily. It also has how many climbs of
-# each ensemble ended at each maximum, and where its walkers start. [The
+# weights by importance sampling with standard errors. Maxima with a shallow
+# valley between them count as one, for walkers pass it easily. It also has how many
+# climbs of each ensemble ended at each maximum, and where its walkers start. [The
 # verdict](verdict.py) of {py:func}`~emcee_femu.diagnose` compares the chain with it. And
 # it says which stage of the search spent which solves:
 

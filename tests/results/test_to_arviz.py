@@ -141,10 +141,7 @@ def test_groups_their_data_and_how_they_were_made(idata):
     places = np.nonzero(np.isin(new.values[..., 0], some.values[..., 0]))
     assert len(places[0]) == some.sizes["draw"]
     assert len({*places[0]}) == new.sizes["chain"]  # 500 of 600
-    for dim in (
-        "chain",
-        "draw",
-    ):  # numbered from zero, as ArviZ numbers those of others
+    for dim in ("chain", "draw"):  # as ArviZ numbers those of others
         assert some[dim].values.tolist() == [*range(some.sizes[dim])]
 
 
