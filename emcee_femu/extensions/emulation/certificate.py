@@ -64,6 +64,8 @@ class Certificate(Report):
         log_posterior: The true log-posterior there, ``(n,)``.
         search: Whether climbs looked elsewhere, how many there were, and how many ended
             at a maximum.
+        refitted: Whether the emulator has learned from the solved draws too. If so,
+            mean, sd and idata are those of a chain of the later emulated posterior.
         faults: Faults of the bounds or the chain of the emulated posterior.
         missed: Regions found by the search that the draws do not contain.
         notes: Further remarks.
@@ -98,6 +100,7 @@ class Certificate(Report):
     weights: Floats
     log_posterior: Floats
     search: Statement
+    refitted: bool = False
     faults: tuple[str, ...] = ()
     missed: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -130,20 +133,26 @@ class Certificate(Report):
         )
         if reasons := self._reasons:
             return f"Refused: {reasons[0]} ({facts})."
-        shift, off, error = self._differences
-        differences = (
-            f"means differ by up to {shift:.3f} standard deviations, standard "
-            f"deviations by up to {100 * off:.1f} % (+- {100 * error:.1f} %)"
-        )
+        since = "since the emulator learned from them too, " if self.refitted else ""
         if self.short == CERTIFIED:
             return (
                 "Certified: as far as full solves at its draws can tell, the emulated "
-                f"posterior is the true one; {differences} ({facts})."
+                f"posterior is the true one; {since}{self.differences} ({facts})."
             )
         cure = f"{'certify' if equal else 'emulate'} with more solves"
+        by = "what it learned corrects" if self.refitted else "the weights correct"
         return (
-            f"Corrected: {differences}, which the weights correct; use the idata, mean "
-            f"and sd of the certificate, or {cure} ({facts})."
+            f"Corrected: {since}{self.differences}, which {by}; use the idata, "
+            f"mean and sd of the certificate, or {cure} ({facts})."
+        )
+
+    @property
+    def differences(self) -> str:
+        """How far means and standard deviations are from the emulated ones."""
+        shift, off, error = self._differences
+        return (
+            f"means differ by up to {shift:.3f} standard deviations, standard "
+            f"deviations by up to {100 * off:.1f} % (+- {100 * error:.1f} %)"
         )
 
     @property
@@ -265,7 +274,7 @@ class Certificate(Report):
         import xarray
 
         text, sealed = f"{self.short} by {self.solves} full solves", groups(self.idata)
-        if self.short == CORRECTED:
+        if weighted := self.short == CORRECTED and not self.refitted:
             text = f"corrected by the weights of {len(self.weights)} full solves"
             possible = self.weights > 0
             solved = rows[possible, None, None]
@@ -313,5 +322,5 @@ class Certificate(Report):
             {"parameter": list(self.names)},
             told,
         )
-        spent = self.solves + extra * (self.short == CORRECTED)
+        spent = self.solves + extra * weighted
         return replace(self, idata=wrap(sealed), solves=spent)

@@ -287,20 +287,31 @@ class Emulation:
             settled = settled + 1 if error <= tolerance else 0
             text = f"emulate, error {draws.predicted:.2g} predicted, {error:.2g} true"
             caption(self.evaluator.bar, text)
-        table = Table(
-            "Errors at draws of the posterior, in units of measurement error",
-            ("solves", "predicted error", "true error", "effective draws"),
-            ("d", ".3g", ".3g", ".0f"),
-            (*history, (spent, draws.predicted, np.nan, draws.size)),
-        )
         promise = max(tolerance, TOLERANCE)  # of a smaller one, more is wanted only
         last = [error for _, _, error, _ in history[-SETTLED:]]
         close = len(last) == SETTLED and max(last) <= promise
         self.settled = close and draws.predicted <= SURPRISE * promise
+        return self._hand_over(emulator, (spent, draws.predicted, np.nan, draws.size))
+
+    def refit(self) -> EmulatedModel:
+        """Return an emulator fitted to all solves so far, which cost no solve more."""
+        return self._hand_over(self._fit())
+
+    def _hand_over(
+        self, emulator: EmulatedModel, *latest: tuple[int, float, float, float]
+    ) -> EmulatedModel:
+        """Return an emulator with its posterior and its history."""
+        table = Table(
+            "Errors at draws of the posterior, in units of measurement error",
+            ("solves", "predicted error", "true error", "effective draws"),
+            ("d", ".3g", ".3g", ".0f"),
+            (*self.history, *latest),
+        )
         failed = self.evaluator.failed
         emulator = replace(emulator, failed_solves=failed, settled=self.settled)
         posterior = self.problem.replace_model(emulator)
-        posterior.draws = draws.members
+        if self._last is not None:
+            posterior.draws = self._last[1].members
         posterior.notes = emulator.notes
         return replace(emulator, history=table, posterior=posterior)
 

@@ -200,6 +200,7 @@ LIGHT = {"pareto_k": 0.1, "effective": 40.0}
         ("certified", lambda c: {}),
         ("corrected", lambda c: {"emulated_sd": 1.15 * c.sd}),
         ("corrected", lambda c: {"emulated_sd": 0.85 * c.sd}),
+        ("corrected", lambda c: {"emulated_sd": 1.15 * c.sd, "refitted": True}),
         ("corrected", lambda c: {"emulated_mean": c.mean + 0.15 * c.sd}),
         ("certified", lambda c: {"emulated_mean": c.mean + 0.05 * c.sd}),
         ("corrected", lambda c: {"off_error": 0.06 * c.sd}),

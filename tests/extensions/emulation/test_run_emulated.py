@@ -12,6 +12,7 @@ from support.few_solves import DATA, DESIGN, PRIOR, SD, Counted, Gaussian, posed
 
 import emcee_femu as ef
 from emcee_femu.extensions.emulation import run_emulated as module
+from emcee_femu.extensions.emulation.emulate import Emulation
 
 SLOW = pytest.mark.slow
 LEAST = 6 + 2 * 2 + 49  # a first design, two batches, a certificate
@@ -73,6 +74,30 @@ def test_it_is_certified_and_right_and_counts_each_solve_once(certified):
     assert f"{found.solves} of 110 solves" in unwrapped(found)
 
 
+def known_points(emulator, theta):
+    """Return which points an emulator was fitted to."""
+    steps = emulator.coordinates(theta)[:, None] - emulator.processes[0].points
+    return (np.abs(steps).max(axis=2) < 1e-9).any(axis=1)
+
+
+def test_what_is_handed_over_has_learned_from_the_draws(certified):
+    found, _ = certified
+    assert found.refitted and known_points(found.emulated, found.theta).all()
+    assert_allclose(ef.parameter_table(found).column("mean"), found.mean, rtol=1e-6)
+    assert (found.mean != found.emulated_mean).all()  # of the chain before
+
+
+@SLOW
+def test_an_emulator_that_learning_changes_much_is_not_certified(monkeypatch):
+    other = ef.emulate(posed(lambda x: 0.7 * linear(x)), 20, seed=2)
+    monkeypatch.setattr(Emulation, "refit", lambda self: other)
+    found = ef.run_emulated(posed(linear), 70, seed=1)
+    assert found.short == "corrected" and found.refitted
+    table = ef.parameter_table(found)
+    assert_allclose(table.column("mean"), found.mean, rtol=1e-6)
+    assert "weight" not in found.idata["sample_stats"]  # the chain, not the draws
+
+
 @pytest.mark.slow
 def test_what_it_returns_goes_into_every_table_and_judgement(certified, tmp_path):
     found, model = certified
@@ -81,7 +106,6 @@ def test_what_it_returns_goes_into_every_table_and_judgement(certified, tmp_path
     table = ef.parameter_table(found)
     assert "certified by 58 full solves" in table.title
     assert str(table) == str(ef.parameter_table(idata))
-    assert_allclose(table.column("mean"), found.emulated_mean, rtol=1e-6)
     assert ef.diagnose(found).converged
     evidence, (*_, log_evidence) = ef.log_evidence(found), exact_moments()
     inside = 1 - stats.norm.sf(4) * 2  # of the prior, in each direction
@@ -141,11 +165,10 @@ def test_an_emulator_that_is_not_certified_learns_from_the_draws(monkeypatch):
     assert found.solves == len(solved) == len(np.unique(solved, axis=0)) <= 130
     # Of all that was solved before the last certificate it has learned what climbs
     # did not need.
-    learned = found.emulated.coordinates(solved)
-    points = found.emulated.processes[0].points
-    known = (np.abs(learned[:, None] - points).max(axis=2) < 1e-9).any(axis=1)
+    known = known_points(found.emulated, solved)
     assert known[:10].all() and known[10:58].sum() >= 36
-    assert len(points) == known.sum() <= found.solves - 36
+    points = len(found.emulated.processes[0].points)
+    assert points == known.sum() <= found.solves - 36 * (not found.refitted)
 
 
 class Stopping(Counted):
