@@ -29,9 +29,9 @@ from .emulated_chain import EmulatedChain
 # Solves of a certificate: of climbs, 27 draws of the chain, and nine of a wider one.
 CERTIFIED_BY = 48
 # Effective ones of the emulated posterior, which cost no solve: so many know the
-# standard deviation of a parameter with a kurtosis of 16 to 2.5 %.
-DRAWS = 6_000
-WALKERS = 80  # which are emulated at once; more take no longer a step
+# standard deviation of a parameter with a kurtosis of 16 to 3 %.
+DRAWS = 4_000
+WALKERS = 48  # which are emulated at once; more take no longer a step
 KEPT = 1  # solve that is kept for the prior mean, which tables of weighted draws show
 MOST_FAILED = 0.2  # share of the draws of a certificate
 GROWTH = 0.25  # of the points between two certificates, whose draws are among them
