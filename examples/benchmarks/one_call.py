@@ -21,13 +21,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from commands import command, tabulate, weigh
-from few_solves import KINDS, PROBLEMS, SIZE, true_draws
+from few_solves import KINDS, PROBLEMS, true_draws
 
 import emcee_femu as ef
 
 Floats = np.ndarray
 RIGHT_MEAN, RIGHT_SD = 0.1, 0.1
 WRONG_MEAN, WRONG_SD, WRONG_ERRORS = 0.15, 0.12, 2.0
+TRUE_SIZE = 20_000  # effective draws: they know an sd with a kurtosis of 16 to 1.4 %
 FAILING, GRAIN = 0.05, 1e6  # share of solves that fail; grains of a parameter
 BLACK_BOX = "black_box"
 NAMES = "mass_spring", "h_structure", "shear", "beck_au", BLACK_BOX
@@ -104,7 +105,7 @@ def truth_of(name: str) -> tuple[Floats, Floats]:
     """Return means and standard deviations of a true posterior."""
     known = "mass_spring" if name == BLACK_BOX else name
     problem = PROBLEMS[known](KINDS["with derivatives"])
-    parts = weigh([problem.posterior], true_draws(known), SIZE, 0, problem.first)
+    parts = weigh([problem.posterior], true_draws(known), TRUE_SIZE, 0, problem.first)
     return parts[0][0], parts[1][0]
 
 
