@@ -8,6 +8,7 @@ import platform
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
+from functools import cache
 from importlib.metadata import version
 from typing import Any
 
@@ -54,10 +55,16 @@ def describe(posterior: LogPosterior, asked: Mapping[str, object]) -> dict[str, 
         for variable, values in term.observed.items():
             entries[f"{variable} measured ({name})"] = np.asarray(values)
     entries["version of python"] = platform.python_version()
-    entries |= {f"version of {name}": version(name) for name in PACKAGES}
+    entries |= {f"version of {name}": installed_version(name) for name in PACKAGES}
     entries |= asked
     described: dict[str, Any] = json.loads(json.dumps(entries, default=_readable))
     return described
+
+
+@cache
+def installed_version(package: str) -> str:
+    """Return the version of a package, for which its folder is searched once."""
+    return version(package)
 
 
 def _readable(value: object) -> object:

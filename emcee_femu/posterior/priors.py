@@ -49,6 +49,11 @@ class KnownPrior(Report):
     def _families(self) -> list[tuple[list[int], Any]]:
         return join_families([*self.marginals.values()])
 
+    @cached_property
+    def _moments(self) -> tuple[Floats, Floats]:
+        """Mean and standard deviation ``(d,)`` of draws, which are made once."""
+        return _find_moments(self)
+
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draw ``(n, d)`` parameter sets inside the bounds."""
         columns = [m.rvs(size=n, random_state=rng) for m in self.marginals.values()]
@@ -273,8 +278,13 @@ def summarize_prior(prior: Prior) -> tuple[Floats, Floats]:
     """Return the prior's mean and standard deviation inside the bounds, each ``(d,)``.
 
     Both are computed from samples, for any prior; the standard deviation has a Monte
-    Carlo error of 0.5 %.
+    Carlo error of 0.5 %. A prior of this package remembers them.
     """
+    known = prior._moments if isinstance(prior, KnownPrior) else _find_moments(prior)
+    return known[0].copy(), known[1].copy()
+
+
+def _find_moments(prior: Prior) -> tuple[Floats, Floats]:
     sample = prior.sample(np.random.default_rng(0), MOMENT_DRAWS)
     return sample.mean(axis=0), sample.std(axis=0)
 

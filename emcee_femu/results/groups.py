@@ -8,7 +8,6 @@ import json
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from importlib.metadata import version
 from typing import Any
 
 import emcee
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..contracts import Floats, Places, Variable
+from ..evaluation.resume import installed_version
 from ..posterior.compatibility import RESERVED
 from ..posterior.log_posterior import LOG_PRIOR, LogPosterior
 from ..posterior.priors import KnownPrior, prior_centre, summarize_prior
@@ -85,7 +85,7 @@ class Conversion:
             "thin": thin,
             "inference_library": "emcee",
             "inference_library_version": emcee.__version__,
-            "emcee_femu_version": version("emcee-femu"),
+            "emcee_femu_version": installed_version("emcee-femu"),
             "numpy_version": np.__version__,
         }
         steps, ensembles, walkers, _ = chains.draws.shape

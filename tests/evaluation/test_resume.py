@@ -20,6 +20,7 @@ from support.stored import COUNT, DATA, KINDS, Gaussian, annealed, bits, posed, 
 from support.systems import inherits, posix
 
 import emcee_femu as ef
+from emcee_femu.evaluation import resume
 from emcee_femu.search.settings import SETTINGS
 
 SLOW = pytest.mark.slow
@@ -343,6 +344,7 @@ def test_another_version_of_a_library_is_warned_of(path, monkeypatch):
     version = kind.version.fget
     other = property(lambda d: "0" if d.name == "numpy" else version(d))
     monkeypatch.setattr(kind, "version", other)
+    monkeypatch.setattr(resume, "installed_version", importlib.metadata.version)
     with pytest.warns(UserWarning, match="numpy.* is 0"):
         sampled(path, steps=3)
 

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import date
 from functools import partial
 from hashlib import sha256
-from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -20,6 +19,7 @@ import numpy as np
 from ... import checks
 from ...contracts import Floats, Parameters, Reported, read_declared
 from ...digits import show
+from ...evaluation.resume import installed_version
 from ...likelihoods.shape import ShapeTerm
 from ...posterior.experiments import Experiment
 from ...posterior.log_posterior import LogPosterior
@@ -156,7 +156,7 @@ def report(
         contents=CONTENTS,
         said=dict.fromkeys(TEXTS, "") | {"date": str(date.today())} | said,
         names=samples(idata)[0],
-        versions={library: version(library) for library in LIBRARIES},
+        versions={library: installed_version(library) for library in LIBRARIES},
         python=f"{platform.python_version()} on {platform.system()}",
         own=own,
         result=result,
