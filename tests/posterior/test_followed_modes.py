@@ -1,8 +1,8 @@
 """Modes of the structure that change places between maxima, by the model's shapes."""
 
-import arviz as az
 import numpy as np
 import pytest
+from support.chains import stored_and_read
 from support.runs import Counting
 
 import emcee_femu as ef
@@ -37,9 +37,8 @@ def test_modes_that_change_places_are_named_where_they_do(found, tmp_path):
     assert diagnosis.fit.status == "doubtful"
     assert f"maximum {swapped} " in diagnosis.fit.sentence
     assert f"maximum {3 - swapped} " not in diagnosis.fit.sentence
-    path = str(tmp_path / "run.nc")
-    ef.to_inference_data(found).to_netcdf(path)
-    assert ef.diagnose(az.from_netcdf(path)).fit == diagnosis.fit
+    read = stored_and_read(ef.to_inference_data(found), tmp_path / "run.nc")
+    assert ef.diagnose(read).fit == diagnosis.fit
 
 
 @pytest.mark.parametrize(

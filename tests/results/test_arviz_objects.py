@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray
 from numpy.testing import assert_allclose
+from support.chains import stored_and_read
 
 import emcee_femu as ef
 from emcee_femu.results.arviz_objects import (
@@ -76,10 +77,7 @@ def test_weighted_draws_have_the_moments_of_their_weights(idata):
 
 def test_an_attribute_is_kept_by_a_netcdf_file(tmp_path, idata):
     told = judged(idata, {"note": "frozen", "judged_in": "weather"}, "weather")
-    told.to_netcdf(tmp_path / "told.nc")
-    import arviz
-
-    read = arviz.from_netcdf(tmp_path / "told.nc")
+    read = stored_and_read(told, tmp_path / "told.nc")
     assert note_of(read) == "frozen"
     assert json.dumps(dict(judgement_of(read)), default=int) == json.dumps(SAID)
 

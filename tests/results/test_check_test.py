@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.chains import stored_and_read
 
 import emcee_femu as ef
 
@@ -40,10 +41,7 @@ def test_every_door_says_the_same(test, expected, tmp_path):
         patch.setattr("emcee_femu.sampling.run.check_first_solve", lambda _: (0.1, []))
         run = ef.run(target, ef.DEMCMove(), 12, 20, seed=1, ensembles=1)
     idata = ef.to_inference_data(run)
-    idata.to_netcdf(tmp_path / "run.nc")
-    import arviz
-
-    read = arviz.from_netcdf(tmp_path / "run.nc")
+    read = stored_and_read(idata, tmp_path / "run.nc")
     for check in (
         ef.check_test(target),
         ef.check_test(by_number),

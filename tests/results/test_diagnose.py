@@ -4,12 +4,11 @@ import re
 import warnings
 from types import SimpleNamespace
 
-import arviz as az
 import emcee
 import numpy as np
 import pytest
 from scipy import stats
-from support.chains import ar1, backend
+from support.chains import ar1, backend, stored_and_read
 from support.gradients import Crossing
 
 import emcee_femu as ef
@@ -361,9 +360,9 @@ def test_parameters_that_follow_other_units_leave_the_fit_in_doubt(tmp_path):
     options = {**DEMC, "steps": 150, "backend": path / "run"}
     run, (doubt,) = doubts(posterior, **options)
     idata = ef.to_inference_data(run, discard=100)
-    idata.to_netcdf(path / "run.nc")
+    stored = stored_and_read(idata, path / "run.nc")
     read = ef.to_inference_data(path / "run", posterior, 100)
-    for source in (idata, read, az.from_netcdf(path / "run.nc")):
+    for source in (idata, read, stored):
         fit = ef.diagnose(source).fit
         assert fit.status == "doubtful" and doubt[:-1] in fit.sentence
     said = ef.identifiability(idata).findings

@@ -1,12 +1,11 @@
 """log_evidence against closed forms, and the honesty of its standard errors."""
 
-import arviz as az
 import emcee
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
-from support.chains import as_arviz, backend
+from support.chains import as_arviz, backend, stored_and_read
 from support.tempered_laws import BoundedLaw, GaussianLaw
 
 import emcee_femu as ef
@@ -157,8 +156,8 @@ def test_what_has_no_evidence_is_refused(case):
 def test_the_arviz_object_of_auto_has_the_same_evidence(tmp_path):
     law = GaussianLaw()
     run = ef.run(law.posterior, "auto", 16, 200, ensembles=2, seed=1)
-    ef.to_inference_data(run, discard=20).to_netcdf(tmp_path / "run.nc")
-    idata = az.from_netcdf(tmp_path / "run.nc")
+    idata = ef.to_inference_data(run, discard=20)
+    idata = stored_and_read(idata, tmp_path / "run.nc")
     for discard in (0, 30):
         direct = ef.log_evidence(run, 20 + discard)
         found = ef.log_evidence(idata, discard)

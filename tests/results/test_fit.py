@@ -4,11 +4,11 @@ import json
 import warnings
 from dataclasses import replace
 
-import arviz as az
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
+from support.chains import stored_and_read
 from support.examples import load
 
 import emcee_femu as ef
@@ -315,9 +315,8 @@ def test_every_term_of_every_experiment_is_judged_by_every_door(tmp_path):
     posterior = ef.LogPosterior.joint(tests, prior)
     run = sample(posterior, backend=tmp_path / "run")
     idata = ef.to_inference_data(run, discard=40)
-    idata.to_netcdf(tmp_path / "run.nc")
-    sources = ef.diagnose(run, 40), ef.diagnose(idata)
-    sources += (ef.diagnose(az.from_netcdf(tmp_path / "run.nc")),)
+    read = stored_and_read(idata, tmp_path / "run.nc")
+    sources = ef.diagnose(run, 40), ef.diagnose(idata), ef.diagnose(read)
     of_file = ef.to_inference_data(tmp_path / "run", posterior, 40)
     for found in (*sources, ef.diagnose(of_file)):
         assert found.fit.status == "does not fit"
@@ -487,8 +486,7 @@ def test_a_report_prints_the_numbers_of_the_tables_and_of_the_verdict(tmp_path):
     posterior = target(NOISY, laws=laws)
     run = sample(posterior)
     idata = ef.to_inference_data(run, discard=40)
-    idata.to_netcdf(tmp_path / "run.nc")
-    read = az.from_netcdf(tmp_path / "run.nc")
+    read = stored_and_read(idata, tmp_path / "run.nc")
     path = ef.report(run, tmp_path / "r.html", discard=40)
     page = path.read_text("utf-8")
     for source in (run, idata, read):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from support.chains import stored_and_read
 
 import emcee_femu as ef
 from emcee_femu.results.measured import (
@@ -46,10 +47,7 @@ def run():
 def test_each_measurement_knows_its_experiment_quantity_and_term(run, kept, tmp_path):
     idata = ef.to_inference_data(run)
     if kept == "netCDF":
-        idata.to_netcdf(tmp_path / "run.nc")
-        import arviz
-
-        idata = arviz.from_netcdf(tmp_path / "run.nc")
+        idata = stored_and_read(idata, tmp_path / "run.nc")
     if kept == "run":
         from emcee_femu.results.to_arviz import read_samples
 

@@ -13,7 +13,7 @@ import xarray
 from matplotlib import pyplot as plt
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
-from support.chains import dataset
+from support.chains import dataset, stored_and_read
 
 import emcee_femu as ef
 
@@ -290,8 +290,7 @@ def test_blobs_of_any_sampler_are_kept(function, dtype, names, tmp_path):
     )
     sampler.run_mcmc(np.random.default_rng(1).normal(size=(8, 2)), 12)
     idata = ef.to_inference_data(sampler, discard=2, thin=2)
-    idata.to_netcdf(tmp_path / "run.nc")
-    kept = dataset(az.from_netcdf(tmp_path / "run.nc"), "blobs")
+    kept = dataset(stored_and_read(idata, tmp_path / "run.nc"), "blobs")
     assert [*map(str, kept.data_vars)] == names
     rows = sampler.get_chain(discard=2, thin=2).swapaxes(0, 1).reshape(-1, 2)
     for name, values in zip(names, zip(*map(function, rows), strict=True), strict=True):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from scipy import stats
-from support.chains import ar1, backend, dataset
+from support.chains import ar1, backend, dataset, stored_and_read
 from support.free_posterior import box, free_posterior
 from support.stored import sampled
 
@@ -153,8 +153,8 @@ def test_every_reader_leaves_it_out_and_says_so(stored, tmp_path):
     assert sd == ef.parameter_table(idata).column("sd/prior sd")
     whole = ef.parameter_table(ef.to_inference_data(run, discard=0))
     assert sd != whole.column("sd/prior sd")
-    idata.to_netcdf(tmp_path / "run.nc")
-    assert str(ef.diagnose(run)) == str(ef.diagnose(idata))
+    read = stored_and_read(idata, tmp_path / "run.nc")
+    assert str(ef.diagnose(run)) == str(ef.diagnose(idata)) == str(ef.diagnose(read))
 
 
 @pytest.mark.slow

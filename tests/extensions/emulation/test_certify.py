@@ -4,11 +4,10 @@ import dataclasses
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-import arviz
 import numpy as np
 import pytest
 from scipy import stats
-from support.chains import ar1, backend
+from support.chains import ar1, backend, stored_and_read
 from support.free_posterior import box, free_posterior
 
 import emcee_femu as ef
@@ -463,11 +462,6 @@ def certificate(masses, solves):
     run = ef.run(wrong, ef.DEMCMove(), 20, 400, seed=1, ensembles=1)
     idata = ef.to_inference_data(run, discard=200)
     return idata, ef.certify(idata, EXACT, solves, seed=2)
-
-
-def stored_and_read(idata, path):
-    idata.to_netcdf(str(path))
-    return arviz.from_netcdf(str(path))
 
 
 def test_tables_show_the_weighted_draws_and_say_so(tmp_path):

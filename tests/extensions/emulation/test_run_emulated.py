@@ -3,11 +3,11 @@
 import logging
 from concurrent.futures import ThreadPoolExecutor
 
-import arviz
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
+from support.chains import stored_and_read
 from support.few_solves import DATA, DESIGN, PRIOR, SD, Counted, Gaussian, posed
 
 import emcee_femu as ef
@@ -112,8 +112,7 @@ def test_what_it_returns_goes_into_every_table_and_judgement(certified, tmp_path
     error = evidence.log_evidence - (log_evidence - 2 * np.log(inside))
     assert abs(error) < 4.5 * evidence.log_evidence_error < 0.5
     assert "full solves" in str(evidence)
-    idata.to_netcdf(str(tmp_path / "found.nc"))
-    read = arviz.from_netcdf(str(tmp_path / "found.nc"))
+    read = stored_and_read(idata, tmp_path / "found.nc")
     assert str(ef.log_evidence(read)) == str(evidence)
     assert str(ef.identifiability(found)) == str(ef.identifiability(idata))
     for draw in (ef.figures.plot_prior_posterior, ef.figures.plot_scatter):
@@ -139,8 +138,7 @@ def test_a_budget_that_does_not_reach_is_never_exceeded_and_says_so(refused, tmp
     assert evidence.problems and evidence.log_evidence_error == np.inf
     page = ef.report(found, tmp_path / "refused.html").read_text("utf-8")
     assert "do not use these numbers" in page
-    found.idata.to_netcdf(str(tmp_path / "refused.nc"))
-    read = arviz.from_netcdf(str(tmp_path / "refused.nc"))
+    read = stored_and_read(found.idata, tmp_path / "refused.nc")
     assert ef.diagnose(read).chains.status == "refused"
 
 

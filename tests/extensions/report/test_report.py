@@ -9,7 +9,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import arviz
 import emcee
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from matplotlib import pyplot as plt
 from numpy.testing import assert_allclose
 from PIL import Image
 from scipy import stats
+from support.chains import stored_and_read
 
 import emcee_femu as ef
 from emcee_femu.digits import show
@@ -165,8 +165,7 @@ def test_words_and_quantities_that_cannot_be_shown_are_refused(
 @pytest.mark.slow
 def test_samples_are_reported_with_what_they_know(plain, write, tmp_path):
     """Of a file, with and without the posterior, and of plain emcee."""
-    ef.to_inference_data(plain).to_netcdf(tmp_path / "run.nc")
-    idata = arviz.from_netcdf(tmp_path / "run.nc")
+    idata = stored_and_read(ef.to_inference_data(plain), tmp_path / "run.nc")
     for given in ({}, {"posterior": PLAIN}):
         page = write(idata, **given)
         assert f"{plain.solves:,} times" in said(page)
