@@ -47,6 +47,9 @@ SLOW_EXAMPLES = {
     "population.figure.plot_population",
     "report.report.report",
     "emulation.run_emulated.run_emulated",
+    "emulation.emulate.emulate",
+    "comparison.compare.compare_moves",
+    "comparison.figure.plot_comparison",
 }
 
 

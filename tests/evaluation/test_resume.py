@@ -71,7 +71,9 @@ def whole(tmp_path_factory):
     return run
 
 
-@every_kind
+@pytest.mark.parametrize(
+    "kind", ["chain", "auto", pytest.param("tempered", marks=SLOW), *LONG]
+)
 def test_stopped_anywhere_it_goes_on_to_the_same_bits(whole, path, kind):
     calls, expected, _ = whole(kind)
     assert attempt(kind, None)[1] == expected

@@ -50,9 +50,20 @@ class Blocks:
         return np.column_stack(values).reshape(n, walkers // len(BETAS), -1)
 
 
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("inner", INNER)
-def test_every_block_keeps_its_tempered_target(target, inner):
+# Of a bounded law each inner move is slow but one: bounds are the posterior's matter.
+@pytest.mark.parametrize(
+    ("inner", "target"),
+    [
+        pytest.param(
+            inner,
+            target,
+            marks=[pytest.mark.slow] * (target == "bounded" and inner != "Metropolis"),
+        )
+        for inner in INNER
+        for target in TARGETS
+    ],
+)
+def test_every_block_keeps_its_tempered_target(inner, target):
     move, block = INNER[inner]
     blocks, n = Blocks(TARGETS[target]), block * len(BETAS)
     assert exact_start(ef.moves.TemperedMove(move, BETAS), blocks, n, 50, 6) < LIMIT

@@ -40,7 +40,14 @@ MOVES = {
 }
 
 
-@pytest.mark.parametrize("moves", MOVES)
+# The others are slow: their parts are in these two.
+PARTS = "mixed", "three parts"
+slow_parts = [
+    pytest.param(name, marks=[pytest.mark.slow] * (name not in PARTS)) for name in MOVES
+]
+
+
+@pytest.mark.parametrize("moves", slow_parts)
 def test_chains_are_the_same_serial_vectorised_pooled_and_resumed(moves, tmp_path):
     move, name = MOVES[moves], str(tmp_path / "chain.h5")
     serial = chain(log_prob, move).get_chain()

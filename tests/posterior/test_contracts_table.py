@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from scipy import stats
+from support.figures import leave_undrawn
 
 import emcee_femu as ef
 from emcee_femu.models.sensors import Sensors
@@ -237,14 +238,20 @@ def stated(kind, given):
     return "sd mm" in table.columns and np.allclose(table.column("sd mm"), SD)
 
 
+def report_of(posterior):
+    """Return the HTML of a report without its pictures."""
+    with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setattr("emcee_femu.figures.style.draw_png", leave_undrawn)
+        path = Path(folder) / "report.html"
+        ef.report(sample(posterior), path, posterior=posterior)
+        return path.read_text(encoding="utf-8")
+
+
 @cache
 def write_report(kind, given):
     """Return the HTML of a report, whose term says three things or nothing."""
     words = {name: f"Its {name}." for name in ("statement", "formula", "symbol")}
-    at = posterior_of(kind, None, words if given else {})
-    with TemporaryDirectory() as folder:
-        path = ef.report(sample(at), Path(folder) / "report.html", posterior=at)
-        return path.read_text(encoding="utf-8")
+    return report_of(posterior_of(kind, None, words if given else {}))
 
 
 def reported(kind, given, attribute):
@@ -255,9 +262,7 @@ def inferred(kind, given):
     """The report names the parameter that is the error."""
     named = {"names": ("c",), "symbol": "s"} | ({"discrepancy": "c"} if given else {})
     at = posterior_of(kind, None, named, PRIOR | {"c": stats.halfnorm(scale=0.1)})
-    with TemporaryDirectory() as folder:
-        path = ef.report(sample(at), Path(folder) / "report.html", posterior=at)
-        text = path.read_text(encoding="utf-8")
+    text = report_of(at)
     assert "No error of the model" not in text
     return "it is the parameter" in text
 

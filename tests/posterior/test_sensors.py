@@ -113,7 +113,9 @@ def test_of_two_sensors_that_point_apart_both_are_named():
     assert_allclose(turned[0].after, turned[1].after)
 
 
-@pytest.mark.parametrize("moving", [2.0, 4.0, 15.0])
+@pytest.mark.parametrize(
+    "moving", [pytest.param(n, marks=[pytest.mark.slow] * (n != 4)) for n in (2, 4, 15)]
+)
 def test_the_odds_are_those_of_errors_of_unknown_variance(moving):
     """By quadrature over the variance, of a scaled inverse chi^2 law."""
     test, _ = measured(0, n_modes=1)

@@ -247,7 +247,9 @@ def test_units_do_not_decide_whether_deviations_are_plain_differences(small):
     assert not term.replicate(np.random.default_rng(1), {"a": np.ones(1)}, stored)
 
 
-@pytest.mark.parametrize("kind", ["relative", "no Gaussian"])
+@pytest.mark.parametrize(
+    "kind", ["relative", pytest.param("no Gaussian", marks=pytest.mark.slow)]
+)
 def test_a_term_that_draws_nothing_leaves_the_rows_of_others_as_they_are(kind):
     """Its own rows have the model's interval, and say neither yes nor no."""
     model = ef.FunctionModel(lambda p: np.array(MEASURED) * p["a"], n_modes=3)

@@ -115,7 +115,7 @@ def sleepy(calls, slow):
     def law(x):
         calls.append(len(x))
         if len(calls) <= slow:
-            time.sleep(0.5)
+            time.sleep(0.3)
         return gaussian(x)
 
     return law
@@ -125,7 +125,7 @@ def sleepy(calls, slow):
 def test_a_batch_is_timed_where_the_first_solve_looks_slow(slow, monkeypatch):
     """The fastest of three calls counts, each of half of the walkers, as in the run."""
     calls = []
-    # Far from .5 s / 5 and from nothing, for so many evaluations.
+    # Far from .3 s / 5 and from nothing, for so many evaluations.
     monkeypatch.setattr(LONG_RUN, 4 * 10 * 4 * 0.02)
     posterior = free_posterior(sleepy(calls, slow), box(-9, 9, 2))
     with warnings.catch_warnings(record=True) as caught:

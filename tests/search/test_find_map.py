@@ -113,8 +113,15 @@ FROM = {
 }
 
 
-@pytest.mark.parametrize("starts", FROM)
-@pytest.mark.parametrize("seen", NOISY)
+@pytest.mark.parametrize(
+    ("seen", "starts"),
+    [
+        ("deviations", "prior"),
+        ("rows", "far"),
+        pytest.param("deviations", "far", marks=pytest.mark.slow),
+        pytest.param("rows", "prior", marks=pytest.mark.slow),
+    ],
+)
 def test_a_slope_is_no_maximum_however_gentle(seen, starts):
     """The density falls as the noise grows, in each prior sd by less."""
     found = ef.find_map(NOISY[seen], FROM[starts], seed=1)

@@ -1,5 +1,6 @@
 """What every figure must be: nothing clipped, nothing on top of another."""
 
+from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -31,3 +32,9 @@ def assert_readable(figure):
             for other, there in boxes:
                 assert not box.overlaps(there), (text.get_text(), other)
             boxes.append((text.get_text(), box))
+
+
+def leave_undrawn(figure):
+    """Stand for what draws a picture, where nobody looks at it."""
+    plt.close(figure)
+    return b""

@@ -227,7 +227,7 @@ def test_the_expected_acceptance_is_that_of_proposals():
     assert_allclose(found.acceptance[0], np.mean(accepted), atol=0.02)
 
 
-@pytest.mark.parametrize("variance", [0.8, 2.0])
+@pytest.mark.parametrize("variance", [0.8, pytest.param(2.0, marks=pytest.mark.slow)])
 def test_errors_by_waits_are_those_of_independence_chains(variance):
     """p = N(0, 1), q = N(0, v): of 200 runs, by what four of them say."""
     rng, steps, shape = np.random.default_rng(5), 300, (200, 32, 2)

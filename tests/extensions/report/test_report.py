@@ -17,6 +17,7 @@ from numpy.testing import assert_allclose
 from PIL import Image
 from scipy import stats
 from support.chains import stored_and_read
+from support.figures import leave_undrawn
 
 import emcee_femu as ef
 from emcee_femu.digits import show
@@ -46,6 +47,12 @@ def sample(posterior):
 @pytest.fixture(scope="module")
 def plain():
     return sample(PLAIN)
+
+
+@pytest.fixture
+def unseen(monkeypatch):
+    """Draw no picture of a report of which words alone are read."""
+    monkeypatch.setattr("emcee_femu.figures.style.draw_png", leave_undrawn)
 
 
 @pytest.fixture
@@ -130,6 +137,7 @@ def test_each_experiment_of_a_joint_posterior_has_its_tables_and_figures(write):
         ef.figures.plot_predictive(run, experiment="other")
 
 
+@pytest.mark.usefixtures("unseen")
 def test_the_first_page_has_ones_own_words_and_derived_quantities(plain, write):
     text = {"author": "A. <B>", "structure": "a mast", "question": "is it soft"}
     text |= {"conclusion": "it is", "project": "bridge 7", "date": "in May"}
@@ -237,6 +245,7 @@ def trust(page):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unseen")
 def test_trust_is_said_in_one_plain_sentence_that_follows_the_diagnosis(plain, write):
     """Of one ensemble, of several that agree, of a wrong model, and of two maxima."""
     assert "runs agree" not in trust(write(plain))  # there is but one
@@ -259,6 +268,7 @@ def test_trust_is_said_in_one_plain_sentence_that_follows_the_diagnosis(plain, w
     assert "do not use these numbers yet" in trust(write(short)).lower()
 
 
+@pytest.mark.usefixtures("unseen")
 def test_the_model_is_described_by_its_own_numbers(write):
     nodes = [(0, 0), (0, 3), (4, 3), (4, 0)]
     bars = [(0, 1, "leg"), (1, 2, "leg"), (2, 3, "leg")]
@@ -286,6 +296,7 @@ class OwnFRFModel:
         return {"frequency": sum(parameters.values())[:, None] ** 0.5}
 
 
+@pytest.mark.usefixtures("unseen")
 def test_a_model_is_called_by_the_words_of_its_class_and_pairs_by_what_is_drawn(write):
     for count, caption in ((2, "Samples"), (5, "Correlations")):
         prior = ef.IndependentPrior({f"k{i}": (0.1, 9.0) for i in range(count)})
@@ -318,6 +329,7 @@ def test_a_printed_report_has_no_page_that_is_less_than_half_full(tmp_path):
         assert dark[dark < 0.95].max() > 0.5  # below it are the numbers of pages
 
 
+@pytest.mark.usefixtures("unseen")
 def test_a_report_of_several_experiments_has_contents_that_lead_to_its_headings(write):
     tests = {"first": (ROOT, TERM), "second": (ROOT, TERM)}
     page = write(sample(ef.LogPosterior.joint(tests, NORMAL)))
