@@ -83,7 +83,7 @@ term = ef.FrequencyTerm(MEASURED, relative_sd=0.01)
 small
 
 # %%
-short = {"steps": 50, "ensembles": 1, "seed": 1}  # enough to judge the fit
+short = {"solves": 10_000, "ensembles": 1, "seed": 1}  # enough to judge the fit
 by_number = ef.run(ef.LogPosterior(small, term, prior), **short)
 print(ef.diagnose(by_number).fit.sentence)
 ef.parameter_table(by_number)
