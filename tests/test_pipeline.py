@@ -78,18 +78,18 @@ def test_mass_spring_agrees_with_importance_sampling():
 def test_h_structure_with_the_implied_beta_agrees_with_importance_sampling():
     """The law of a narrow posterior: moments by a route without chains."""
     posterior = ef.paper.h_structure(5e4).posterior
-    (run,) = ef.run(posterior, nwalkers=14, steps=400, seed=3, ensembles=1)
+    (run,) = ef.run(posterior, nwalkers=14, solves=14_000, seed=3, ensembles=1)
     chain = run.get_chain()
     draws = chain.reshape(-1, 6)
-    mean, sd, kish = importance_moments(posterior, [draws], 16_000, seed=3)
-    assert kish > 2_500
+    mean, sd, kish = importance_moments(posterior, [draws], 10_000, seed=3)
+    assert kish > 1_800
     # First and second powers, in the chain's own errors, and those of the weights.
     for power, expected in ((1, 0.0), (2, 1.0)):
         values = ((chain - mean) / sd) ** power
         tau = emcee.autocorr.integrated_time(values, quiet=True)
         error = values.std(axis=(0, 1)) * np.sqrt(tau / len(draws) + 1 / kish)
         assert (np.abs(values.mean(axis=(0, 1)) - expected) < 4 * error).all()
-        assert error.max() < 0.2
+        assert error.max() < 0.1
     # A local mode at A3 = 4.9e-4 with a mass near 2e-4 would make the last one 3.1.
     assert_allclose(100 * sd / mean, [35.5, 4.3, 29.5, 1.8, 2.25, 2.9], rtol=0.08)
 
