@@ -146,7 +146,7 @@ print(f"efficiency of the weights: {1 / (weights**2).sum() / len(weights):.2f}")
 # box. They trap walkers of DE-MC, but not `"auto"`.
 
 # %%
-chains = ef.run(frame.posterior, seed=1)
+chains = ef.run(frame.posterior, solves=14_000, seed=1)
 sharp = ef.to_inference_data(chains)
 draws = np.column_stack([sharp.posterior[name].values.ravel() for name in names])
 mean, cov = draws.mean(axis=0), 100 * draws.std(axis=0) / draws.mean(axis=0)
