@@ -10,7 +10,7 @@ rotary inertia of bending).
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,7 +58,13 @@ MOST_DENSE = 200  # DOFs, above which a sparse solve is the faster one
 
 Offset: TypeAlias = Sequence[float] | None
 Element: TypeAlias = tuple[int, int, str] | tuple[int, int, str, tuple[Offset, Offset]]
-Mass: TypeAlias = tuple[Any, ...]  # node, mass, offset, inertia; the last two may lack
+# About the axes; about the normal alone in a plane.
+Inertia: TypeAlias = Property | Sequence[Property] | None
+Mass: TypeAlias = (
+    tuple[int, Property]
+    | tuple[int, Property, Offset]
+    | tuple[int, Property, Offset, Inertia]
+)
 Spring: TypeAlias = tuple[int, int | None, Mapping[str, Property]]
 # What is added to the matrix of each term: rows, columns and entries, (3, m) each.
 Pieces: TypeAlias = dict[Term, list[Floats]]
@@ -309,9 +315,10 @@ def _add_masses(M: Pieces, n_nodes: int, masses: Sequence[Mass], place: Place) -
         form_of, count = "(Ix, Iy, Iz)", len(place.turns)
         three = checks.group(label, moments, form_of, count)
         for axis, moment in zip(place.turns, three, strict=True):
-            if isinstance(moment, str | tuple) or moment != 0:
+            scale = read_property(label, moment, zero=True)
+            if scale[0]:
                 turned = np.diag(units[3 + axis])
-                _add(M, [read_property(label, moment)], _dofs(node), T, turned)
+                _add(M, [scale], _dofs(node), T, turned)
 
 
 def _add_springs(
@@ -333,7 +340,9 @@ def _add_springs(
             _add(K, [read_property(label, stiffness)], _dofs(*ends), T, axis)
 
 
-def _read_spring(label: str, value: object, place: Place) -> dict[str, Property]:
+def _read_spring(
+    label: str, value: Mapping[str, Property], place: Place
+) -> dict[str, Property]:
     given = dict(checks.mapping(label, value, "{direction: stiffness}"))
     if unknown := [name for name in given if name not in place.dofs]:
         raise ValueError(

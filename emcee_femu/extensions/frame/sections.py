@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -241,18 +241,20 @@ def read_property(label: str, value: Property, zero: bool = False) -> Scale:
 
     A number alone may be 0 with ``zero``.
     """
-    pair: tuple[Any, ...] = (value,)
+    number: ArrayLike = value
+    names: tuple[str, ...] = ()
     if isinstance(value, str):
-        pair = 1.0, value
+        number, names = 1.0, (value,)
     elif isinstance(value, tuple):
         form = "a number, name or (number, name)"
-        pair = checks.group(label, value, form, 2)
-        if isinstance(pair[0], str):
+        number, name = checks.group(label, value, form, 2)
+        names = (name,)
+        if isinstance(number, str):
             raise TypeError(f"{label}: expected {form}, got {value!r}")
-    elif zero and isinstance(value, float | int) and value == 0:
+    elif zero and np.ndim(value) == 0 and value == 0:
         return 0.0, ()
-    names = tuple(checks.text(label, name) for name in pair[1:])
-    return checks.positive_array(label, pair[0], 0).item(), names
+    names = tuple(checks.text(label, name) for name in names)
+    return checks.positive_array(label, number, 0).item(), names
 
 
 def check_nodes(label: str, nodes: Iterable[int], n_nodes: int) -> None:
