@@ -54,16 +54,18 @@ def frf_variable(
     return Variable(coords, FRF_KINDS[kind][1] if unit is None else unit, stored)
 
 
-def read_channels(channels: object) -> tuple[tuple[Channel, ...], Floats]:
+def read_channels(
+    channels: Sequence[tuple[Hashable, Hashable]],
+) -> tuple[tuple[Channel, ...], Floats]:
     """Return pairs of DOFs along the axes, and the sign of each pair as given."""
     form = "pairs (response DOF, excitation DOF)"
-    if not (channels := checks.sequence("channels", channels, form)):
+    if not (given := checks.sequence("channels", channels, form)):
         raise TypeError(f"channels: expected at least one of {form}, got none")
-    pairs = [checks.group("channels", pair, form, 2) for pair in channels]
+    pairs = [checks.group("channels", pair, form, 2) for pair in given]
     turned = [[along_axis(dof) for dof in pair] for pair in pairs]
     result = tuple(Channel(*(dof for dof, _ in pair)) for pair in turned)
     if len(set(result)) < len(result):
-        raise ValueError(f"channels: expected each pair once, got {list(channels)}")
+        raise ValueError(f"channels: expected each pair once, got {given}")
     return result, np.array([first[1] * second[1] for first, second in turned])
 
 

@@ -10,6 +10,7 @@ from ... import checks
 from ...contracts import (
     Derivatives,
     Floats,
+    Model,
     Parameters,
     Response,
     Variable,
@@ -56,6 +57,10 @@ RESONANCE_STEP = 1e-4
 Arrays: TypeAlias = dict[str, Floats]
 # A model of the flexibility, and each channel's load case and point.
 Static: TypeAlias = tuple[StaticModel, list[int], list[int]]
+# A number or a parameter for all modes, one for each, or a and b by their names.
+Damping: TypeAlias = (
+    float | str | Sequence[float | str] | Floats | Mapping[str, float | str]
+)
 
 
 class FRFModel:
@@ -112,11 +117,11 @@ class FRFModel:
 
     def __init__(
         self,
-        model: Any,
+        model: Model,
         lines: ArrayLike,
         channels: Sequence[tuple[Hashable, Hashable]],
         *,
-        damping: Any,
+        damping: Damping,
         kind: str = "receptance",
         residual: bool = False,
         unit: str | None = None,
@@ -148,6 +153,10 @@ class FRFModel:
         self._proportional = isinstance(damping, Mapping)
         self._damping = _read_damping(damping, declared["frequency"].size)
         self._inferred = [x for x in self._damping if isinstance(x, str)]
+        if not self._proportional:
+            stated = [x for x in self._damping if x not in self._inferred]
+            ratios = np.array([0.0, *stated], dtype=float)
+            doubt_percent("damping", ratios, LARGE_DAMPING, "the critical one")
         self.names = read_declared(model, "names")
         if self.names is not None:
             self.names = tuple(dict.fromkeys([*self.names, *self._inferred]))
@@ -181,7 +190,7 @@ class FRFModel:
 
         Differences along those of the modes, which cost no solve.
         """
-        modes, by_model = self.model.jacobian(parameters)
+        modes, by_model = read_declared(self.model, "jacobian")(parameters)
         of_model = (name for by_name in by_model.values() for name in by_name)
         names = [*dict.fromkeys([*of_model, *self._inferred])]
         needed = "frequency", "shapes"
@@ -211,9 +220,11 @@ class FRFModel:
 
     def _numbers(self, parameters: Parameters, n: int) -> Floats:
         """Return the damping of each mode, or a and b, ``(n, n_modes or 2)``."""
-        stated = [x for x in self._damping if x not in self._inferred]
-        values = dict(parameters) | {x: np.full(n, x) for x in stated}
-        return np.stack([values[x] for x in self._damping], axis=1)
+        columns = [
+            parameters[x] if isinstance(x, str) else np.full(n, x)
+            for x in self._damping
+        ]
+        return np.stack(columns, axis=1)
 
     def _superpose(
         self, f: Floats, shapes: Floats, flexibility: Floats, damping: Floats
@@ -266,9 +277,6 @@ def _read_damping(damping: Any, n_modes: int) -> tuple[float | str, ...]:
         else checks.real_number("damping", x, 0.0)
         for x in values
     )
-    if not isinstance(damping, Mapping):
-        stated = np.array([0.0, *(x for x in read if not isinstance(x, str))])
-        doubt_percent("damping", stated, LARGE_DAMPING, "the critical one")
     return read
 
 
