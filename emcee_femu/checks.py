@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Floats: TypeAlias = NDArray[np.float64]
 T = TypeVar("T")
+K = TypeVar("K")
 LISTED = 12  # labels in a message, so that it stays readable
 
 
@@ -42,7 +43,7 @@ def shaped_array(argument: str, value: ArrayLike, *shapes: tuple[int, ...]) -> F
     return array
 
 
-def sequence(argument: str, value: object, form: str) -> list[Any]:
+def sequence(argument: str, value: Iterable[T], form: str) -> list[T]:
     """Return what a sequence holds, refusing text and mappings; ``form`` names it."""
     if not isinstance(value, Iterable) or isinstance(value, str | Mapping):
         raise TypeError(f"{argument}: expected a sequence of {form}, got {value!r}")
@@ -203,7 +204,7 @@ def one_of(argument: str, value: object, choices: Iterable[T]) -> T:
     raise ValueError(f"{argument}: expected one of {known}, got {value!r}")
 
 
-def mapping(argument: str, value: object, form: str) -> Mapping[str, Any]:
+def mapping(argument: str, value: Mapping[K, T], form: str) -> Mapping[K, T]:
     """Return a mapping, refusing others; ``form`` is what was expected."""
     if not isinstance(value, Mapping):
         raise TypeError(f"{argument}: expected {form}, got {type(value).__name__}")
@@ -225,7 +226,9 @@ def text(argument: str, value: object) -> str:
     return value
 
 
-def units_by_name(argument: str, units: object, names: Sequence[str]) -> dict[str, str]:
+def units_by_name(
+    argument: str, units: Mapping[str, str] | None, names: Sequence[str]
+) -> dict[str, str]:
     """Return the units of some of ``names``: None is of none, ``""`` no unit."""
     by = {} if units is None else by_name(argument, units, names)
     return {
@@ -241,7 +244,9 @@ def file_name(argument: str, value: object) -> str | PathLike[str]:
     return value
 
 
-def by_name(argument: str, values: object, names: Sequence[str]) -> dict[str, Any]:
+def by_name(
+    argument: str, values: Mapping[str, T], names: Sequence[str]
+) -> dict[str, T]:
     """Return a mapping as a dict, refusing names that are not among ``names``."""
     given = dict(mapping(argument, values, "{name: value}"))
     if unknown := [name for name in given if name not in names]:
@@ -249,13 +254,15 @@ def by_name(argument: str, values: object, names: Sequence[str]) -> dict[str, An
     return given
 
 
-def by_label(argument: str, values: object, example: str) -> dict[str, Any]:
+def by_label(argument: str, values: Mapping[str, T], example: str) -> dict[str, T]:
     """Return a mapping with labels that are text as a dict."""
     by_name = mapping(argument, values, f"{example} by label")
     return dict(zip(parameter_names(argument, by_name), by_name.values(), strict=True))
 
 
-def numbers_by_name(argument: str, values: object, names: Sequence[str]) -> Floats:
+def numbers_by_name(
+    argument: str, values: Mapping[str, float], names: Sequence[str]
+) -> Floats:
     """Return a number for each name, NaN where the mapping has none."""
     numbers = np.full(len(names), np.nan)
     for name, value in by_name(argument, values, names).items():

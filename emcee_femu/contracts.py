@@ -65,7 +65,7 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import emcee
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from . import checks
 
@@ -74,7 +74,7 @@ Parameters: TypeAlias = Mapping[str, Floats]
 Batch: TypeAlias = Mapping[str, Floats]  # arrays (n, ...) by the name of a variable
 # What a model returns: an object with its variables as attributes, or a mapping.
 Response: TypeAlias = Any
-Places: TypeAlias = Sequence[Any]  # labels along a dimension
+Places: TypeAlias = Sequence[Hashable]  # labels along a dimension
 # {variable: {parameter: (n, *shape)}}, of a model's jacobian
 Derivatives: TypeAlias = dict[str, dict[str, Floats]]
 
@@ -422,7 +422,7 @@ def split_rows(rows: Floats) -> tuple[Floats, Floats]:
 def gather_tangents(
     label: str,
     response: Response,
-    derivatives: object,
+    derivatives: Mapping[str, Mapping[str, ArrayLike]],
     names: Sequence[Hashable],
     needed: Iterable[str] = (),
 ) -> dict[str, Floats]:

@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Self, TypeAlias
+from typing import Self, TypeAlias
 
 import numpy as np
 
@@ -192,11 +192,11 @@ class DensityModel:
         variables: What its response holds: the log-likelihood, and each blob.
     """
 
-    call: Callable[..., Any]
+    call: Callable[..., object]
     names: tuple[str, ...]
     vectorize: bool
-    args: Sequence[Any]
-    kwargs: Mapping[str, Any]
+    args: Sequence[object]
+    kwargs: Mapping[str, object]
     variables: dict[str, Variable] = field(default_factory=dict)
 
     __repr__ = show_declared
@@ -279,7 +279,7 @@ class DensityModel:
             )
         return [_read_density(row) for row in rows]
 
-    def _call(self, theta: Floats) -> Any:
+    def _call(self, theta: Floats) -> object:
         """Return what the function does; note on an error what it was given."""
         try:
             return self.call(theta, *self.args, **self.kwargs)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from copy import copy
 from functools import partial
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -142,8 +142,7 @@ class AffineModel:
         for label, (_, function) in self.coefficients.parts[0].items():
             if function is not None:
                 K[label] = self.K[label], function
-        given: dict[str, Any] = {"points": points, "unit": unit, "dofs": self.dofs}
-        return StaticModel(self.K0, loads, K, **given)
+        return StaticModel(self.K0, loads, K, points=points, unit=unit, dofs=self.dofs)
 
     def project(self, K: Floats, M: Floats, output: Floats) -> Self:
         """Return the model in a basis, from its projected parts and shapes.

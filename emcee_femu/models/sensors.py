@@ -3,7 +3,7 @@
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -159,7 +159,7 @@ def match_sensors(
     return Sensors(tuple(wanted), chosen, factors), []
 
 
-def propose(dof: object, dofs: Sequence[Any]) -> str:
+def propose(dof: object, dofs: Sequence[Hashable]) -> str:
     """Return the end of a message on a DOF that a model has not: what it may mean."""
     if isinstance(dofs, range):
         return f"; they are {dofs[0]} to {dofs[-1]}"

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from copy import copy, deepcopy
-from typing import Any, Self, TypeAlias
+from typing import Self, TypeAlias
 
 import numpy as np
 from emcee.moves import Move
@@ -104,7 +104,7 @@ class DelayedAcceptanceMove(ProposingMove, Report):
             f"proposals ({share:.1%} saved); {second:.1%} of the solved were accepted",
         )
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
         """Copy everything but the cheap posterior, a function that may be large."""
         other = copy(self)
         other.inner = deepcopy(self.inner, memo)

@@ -165,11 +165,11 @@ class LogPosterior(Report):
     @classmethod
     def from_function(
         cls,
-        log_likelihood: Callable[..., Any],
+        log_likelihood: Callable[..., object],
         prior: Prior | Mapping[str, tuple[float, float]],
         vectorize: bool = False,
-        args: Sequence[Any] = (),
-        kwargs: Mapping[str, Any] | None = None,
+        args: Sequence[object] = (),
+        kwargs: Mapping[str, object] | None = None,
         units: Units = None,
     ) -> Self:
         r"""Return the posterior of a log-likelihood function, such as emcee takes.

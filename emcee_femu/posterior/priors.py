@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,12 +19,25 @@ MOMENT_DRAWS = 20_000  # of a prior, for its moments
 SCALE_DRAWS = 256  # of a prior, for scales, as of derivatives
 
 
+class Marginal(Protocol):
+    """The law of one parameter, as a frozen distribution of scipy.stats is."""
+
+    def logpdf(self, x: Floats) -> Floats:
+        """Return the log density, -inf outside of the support."""
+
+    def rvs(self, size: int, random_state: np.random.Generator) -> Floats:
+        """Draw so many values."""
+
+    def support(self) -> tuple[float, float]:
+        """Return the ends of the support."""
+
+
 class KnownPrior(Report):
     """What the priors of this package tell beside the contract of a prior."""
 
     names: tuple[str, ...]
     bounds: Floats
-    marginals: dict[str, Any]  # by name; a Gaussian's before truncation
+    marginals: dict[str, Marginal]  # by name; a Gaussian's before truncation
 
     @property
     def distributions(self) -> list[str]:
@@ -46,7 +59,7 @@ class KnownPrior(Report):
         return found
 
     @cached_property
-    def _families(self) -> list[tuple[list[int], Any]]:
+    def _families(self) -> list[tuple[list[int], Marginal]]:
         return join_families([*self.marginals.values()])
 
     @cached_property
@@ -232,7 +245,7 @@ class _Cut:
         return self.low, self.high
 
 
-def join_families(marginals: Sequence[Any]) -> list[tuple[list[int], Any]]:
+def join_families(marginals: Sequence[Any]) -> list[tuple[list[int], Marginal]]:
     """Return columns and their distribution: of one family of scipy.stats, one.
 
     It has arrays for its arguments, since a call of scipy takes longer than the

@@ -65,7 +65,7 @@ def samples_of(source: object) -> object:
     return held if is_arviz(held) else source
 
 
-def judgement_of(source: object) -> Mapping[str, Any]:
+def judgement_of(source: object) -> Mapping[str, str]:
     """Return the judgement of samples as a whole by what made them, empty if none."""
     held: InferenceData = samples_of(source)
     if not is_arviz(held) or "posterior" not in held:

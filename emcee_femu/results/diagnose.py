@@ -3,11 +3,11 @@
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from .. import checks
+from ..contracts import Floats
 from ..likelihoods.residuals import NOT_JUDGED, FitRecord
 from ..search.maxima import HITS
 from ..search.record import Chains
@@ -109,7 +109,7 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
         search = judge_search(diagnosis.maxima, diagnosis.cures)
     else:
         about, search = judge_without_chains(source, chains)
-        nan: Any = np.full((1, len(chains.names)), np.nan)
+        nan: Floats = np.full((1, len(chains.names)), np.nan)
         diagnosis = Diagnosis(
             names=chains.names,
             steps=len(chains.draws),

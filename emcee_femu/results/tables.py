@@ -1,7 +1,7 @@
 """Tables of parameters, frequencies, other predictions and paired modes."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ from .measured import (
     with_frequencies,
 )
 from .to_arviz import read_samples
+
+V = TypeVar("V")  # what is published of a column
 
 OF_PRIOR = "prior mean", "error %", "sd/prior sd"  # columns
 # Of a Gaussian 8 % of the samples lie within a tenth of an sd of the mean.
@@ -431,7 +433,7 @@ def _name_rows(parts: list[Measured]) -> tuple[str, list[str], str]:
     return "quantity", [label.rstrip().replace("[]", "") for label in labels], ""
 
 
-def _columns(published: Mapping[str, Any] | None) -> list[tuple[str, Any]]:
+def _columns(published: Mapping[str, V] | None) -> list[tuple[str, V]]:
     """Return the further columns of a table by title."""
     if published is None:
         return []

@@ -83,7 +83,9 @@ def check_backends(backend: object, ensembles: int) -> list[Backend | None]:
     """Return one empty emcee backend per ensemble, or None for each."""
     if backend is None:
         return [None] * ensembles
-    backends: list[Any] = list(backend) if isinstance(backend, Sequence) else [backend]
+    backends: list[Backend] = (
+        list(backend) if isinstance(backend, Sequence) else [backend]
+    )
     if len(backends) != ensembles:
         raise ValueError(
             f"backend: expected one for each of {ensembles} ensembles, "

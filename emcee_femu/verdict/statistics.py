@@ -6,6 +6,8 @@ They lie below :func:`.run`, which ends by them. ArviZ takes seconds to import;
 
 import warnings
 from dataclasses import dataclass
+from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 import emcee
@@ -30,13 +32,11 @@ MOST_WEIGHED = 20_000  # draws in a batch, and most draws for Pareto k
 LEAST_INDEPENDENT = 0.5
 
 
-def load_arviz() -> Any:
+def load_arviz() -> ModuleType:
     """Import ArviZ; version 0.23 announces version 1, which is not the user's task."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "[\\s\\S]*ArviZ", FutureWarning)
-        import arviz
-
-    return arviz
+        return import_module("arviz")
 
 
 def spread_out(n: int, most: int) -> NDArray[np.intp]:
@@ -63,7 +63,7 @@ def mean_sizes(chains: Floats) -> Floats:
     return _by_parameter(load_arviz().ess, chains, method="mean")
 
 
-def _by_parameter(statistic: Any, chains: Floats, **options: Any) -> Floats:
+def _by_parameter(statistic: Any, chains: Floats, **options: object) -> Floats:
     import xarray
 
     sample_dims = ["chain", "draw"]

@@ -185,7 +185,9 @@ class NormalPopulation(Report):
         return Table(title, columns, ("", "", ".4g", ".4g"), tuple(rows))
 
 
-def _check_covariates(covariates: object) -> dict[str, dict[str, float]]:
+def _check_covariates(
+    covariates: Mapping[str, Mapping[str, float]],
+) -> dict[str, dict[str, float]]:
     """Return ``{covariate: {test: number}}``; the tests are compared by pool_tests."""
     if covariates == {}:
         return {}
