@@ -1,4 +1,4 @@
-"""The contracts between the stages: model, response, term, prior, move.
+"""The contracts between the stages: model, response, term, prior, move, result.
 
 Everything between sampler and model has a leading axis of ``n`` walkers. Outside the
 sampler, parameters are addressed by name; only the prior defines their order. A plain
@@ -52,6 +52,13 @@ state       move          ``state()``: its memory from one step to the next, as 
                           proposals depend only on the walkers and the random stream
 restore     move          ``restore(state)``: continue from the result of ``state()``,
                           called on a copy of the move as it was before the first step
+betas       move          the powers of the likelihood, the first 1, with which as many
+                          equal blocks of walkers sample. Absent: all sample the
+                          posterior
+idata       result        its samples, an ArviZ object: it may be given in place of them
+as_chains   result        ``as_chains()``: the same as ``Chains``
+posterior   result        the ``LogPosterior`` that was sampled
+reported    result        ``reported()``: what a report says of it, a ``Reported``
 =========== ============= =============================================================
 
 ``parameters`` is ``{name: (n,)}``, and ``stored`` the stored variables of the response,
@@ -298,7 +305,7 @@ def modal_variables(n_modes: int, dofs: Places = ()) -> dict[str, Variable]:
 
 
 def read_declared(reader: object, attribute: str) -> Any:
-    """Return an attribute that a model or a term declares, or None.
+    """Return an attribute that a model, a term, a move or a result declares, or None.
 
     Only the attributes in the table at the top of this file are read.
     """
@@ -371,9 +378,9 @@ class Reported:
     Attributes:
         name: What a user calls such a result.
         source: The samples to report on: a run or an ArviZ object.
-        title: Title of a section with the printed result; empty for none. A section
-            means that the samples are not those of a model's own parameters, and the
-            report leaves the model out.
+        title: Title of a section with the result as notebooks print it, by its
+            ``_repr_html_()``; empty for none. A section means that the samples are not
+            those of a model's own parameters, and the report leaves the model out.
         measured: Sentences about the measurements.
         solved: A sentence about the evaluations, with "{}" for their number.
         figure: The function of ``figures`` that draws the result; empty for none.

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..contracts import Floats, Move
+from ..contracts import Floats, Move, read_declared
 from .evaluator import Evaluation
 
 PACKAGE = __name__.partition(".")[0]
@@ -73,7 +73,7 @@ def restore(weighted: Weighted, remembered: str) -> None:
 
 
 def _moves_with_state(weighted: Weighted) -> list[Any]:
-    return [move for move in foreign_moves(weighted) if hasattr(move, "state")]
+    return [move for move in foreign_moves(weighted) if read_declared(move, "state")]
 
 
 def name_moves(moves: Iterator[object] | Sequence[object]) -> str:

@@ -24,7 +24,7 @@ from emcee.moves import DESnookerMove, GaussianMove, Move
 from numpy.random import RandomState
 from numpy.typing import NDArray
 
-from ..contracts import Floats
+from ..contracts import Floats, read_declared
 from ..table import Report
 
 Indices: TypeAlias = NDArray[np.intp]
@@ -156,7 +156,8 @@ def ladder_of(moves: Iterable[Move]) -> Floats:
         ValueError: If such moves are mixed with others, or their betas differ.
     """
     listed = list(moves)
-    ladders = [np.atleast_1d(getattr(move, "betas", 1.0)) for move in listed]
+    given = [read_declared(move, "betas") for move in listed]
+    ladders = [np.atleast_1d(1.0 if betas is None else betas) for betas in given]
     first = ladders[0] if ladders else np.ones(1)
     if not all(np.array_equal(betas, first) for betas in ladders):
         raise ValueError(

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from .. import checks
-from ..contracts import Floats
+from ..contracts import Floats, read_declared
 from ..search.importance import resample
 from ..verdict.statistics import load_arviz
 
@@ -61,7 +61,7 @@ def is_arviz(source: object) -> bool:
 
 def samples_of(source: object) -> object:
     """Return the samples that a result holds as ``idata``, or else the source."""
-    held = getattr(source, "idata", None)
+    held = read_declared(source, "idata")
     return held if is_arviz(held) else source
 
 

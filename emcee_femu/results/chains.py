@@ -14,7 +14,7 @@ import numpy as np
 from emcee.backends import Backend
 
 from .. import checks
-from ..contracts import Move
+from ..contracts import Move, read_declared
 from ..evaluation.ensemble import describe_moves, moves_of
 from ..evaluation.pools import unwrap
 from ..evaluation.resume import LOG_BOX
@@ -72,7 +72,7 @@ def read_chains(
     if posterior is not None:
         checks.instance("posterior", posterior, LogPosterior)
     source = samples_of(source)
-    if (as_chains := getattr(source, "as_chains", None)) is not None:
+    if (as_chains := read_declared(source, "as_chains")) is not None:
         if discard or thin > 1:
             raise ValueError(
                 "discard, thin: a population has no burn-in and no order to thin, "
@@ -106,8 +106,9 @@ def read_chains(
         if posterior is None and isinstance(function, LogPosterior):
             posterior = function
         names, weighted = _given_names(samplers[0]), moves_of(samplers[0])
+    run = source if isinstance(source, Run) else None
     if discard is None:
-        discard = source.burn_in if isinstance(source, Run) else 0
+        discard = 0 if run is None else run.burn_in
     betas = ladder_of([move for move, _ in weighted])
     chains = read(backends, betas, discard=discard)
     d = chains.draws.shape[-1]
@@ -121,18 +122,18 @@ def read_chains(
         plain=posterior is None,
         log_box=posterior.log_box if posterior else np.nan,
     )
-    if not isinstance(source, Run):
+    if run is None:
         return chains
     return replace(
         chains,
-        search=source.search,
-        seed=str(source.seed),
-        origin="" if source.search is None else source.search.sentence,
-        failures={} if source.failures is None else dict(source.failures.causes),
-        solves=source.solves,
-        stopped=source.stopped,
-        starts_given=source.starts_given,
-        doubts=source.doubts,
+        search=run.search,
+        seed=str(run.seed),
+        origin="" if run.search is None else run.search.sentence,
+        failures={} if run.failures is None else dict(run.failures.causes),
+        solves=run.solves,
+        stopped=run.stopped,
+        starts_given=run.starts_given,
+        doubts=run.doubts,
     )
 
 

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from .. import checks
-from ..contracts import LOG_POSTERIOR, Floats
+from ..contracts import LOG_POSTERIOR, Floats, read_declared
 from ..likelihoods.residuals import FitRecord
 from ..posterior.log_posterior import LogPosterior
 from ..search.record import Chains
@@ -218,7 +218,7 @@ def read_samples_and_model(
     source: object, posterior: LogPosterior | None
 ) -> tuple[InferenceData, LogPosterior]:
     """Return the ArviZ object of any source of samples, and the sampled posterior."""
-    held = getattr(source, "posterior", None)  # a result may hold it beside its samples
+    held = read_declared(source, "posterior")  # a result may hold it beside its samples
     if posterior is None and isinstance(held, LogPosterior):
         posterior = held
     idata, known = read_samples(source, posterior)

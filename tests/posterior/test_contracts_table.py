@@ -15,11 +15,13 @@ from support.figures import leave_undrawn
 
 import emcee_femu as ef
 from emcee_femu.models.sensors import Sensors
+from emcee_femu.results.chains import read_chains
 from emcee_femu.results.shapes import solve_shapes
+from emcee_femu.results.to_arviz import read_samples_and_model
 
 PACKAGE = Path(ef.__file__).parent
 ROWS = re.findall(
-    r"^(\w+) +(model, term|model|term|move)  ", ef.contracts.__doc__, re.M
+    r"^(\w+) +(model, term|model|term|move|result)  ", ef.contracts.__doc__, re.M
 )
 PAIRS = {(row, of) for row, owners in ROWS for of in owners.split(", ")}
 
@@ -273,6 +275,61 @@ def gaussian(kind, given):
     return np.isfinite([record.chi2 for record in data]).any()
 
 
+@cache
+def run_of_own():
+    posterior = posterior_of("object")
+    move = ef.DEMCMove()
+    return ef.run(posterior, move, 8, 40, ensembles=1, seed=1, progress=False)
+
+
+def own_result(attributes):
+    """Return a result of another package, which is no run and no ArviZ object."""
+    return type("Own", (), attributes)()
+
+
+def taken(given):
+    idata = ef.to_inference_data(run_of_own(), discard=0)
+    own = own_result({"idata": idata} if given else {})
+    return not refused(lambda: ef.parameter_table(own))
+
+
+def taken_as_chains(given):
+    chains = read_chains(run_of_own(), discard=0)
+    own = own_result({"as_chains": lambda self: chains} if given else {})
+    return not refused(lambda: ef.diagnose(own))
+
+
+def taken_with_posterior(given):
+    run = run_of_own()
+    held = {"idata": ef.to_inference_data(run, discard=0)}
+    own = own_result(held | ({"posterior": run.posterior} if given else {}))
+    return not refused(lambda: read_samples_and_model(own, None))
+
+
+def reported_as_its_own(given):
+    idata = ef.to_inference_data(run_of_own(), discard=0)
+    said = ef.contracts.Reported("own", idata, "A section of its own")
+    printed = {"_repr_html_": lambda self: "<p>Its numbers</p>"}
+    told = {"reported": lambda self: said} if given else {}
+    own = own_result({"idata": idata} | printed | told)
+    with TemporaryDirectory() as folder:
+        path = ef.report(own, Path(folder) / "report.html")
+        text = path.read_text(encoding="utf-8")
+    return "A section of its own" in text and "Its numbers" in text
+
+
+def tempered(given):
+    """Only the walkers that sample the posterior itself are kept."""
+
+    class Own(ef.DEMCMove):
+        betas = (1.0, 0.5)
+
+    move = Own() if given else ef.DEMCMove()
+    posterior = posterior_of("object")
+    run = ef.run(posterior, move, 8, 40, ensembles=1, seed=1, progress=False)
+    return ef.to_inference_data(run, discard=0)["posterior"].sizes["chain"] == 4
+
+
 def of(owner, case):
     return lambda kind, given: case(kind, given, owner)
 
@@ -303,6 +360,13 @@ CASES = {
     ("formula", "term"): of("formula", reported),
     ("symbol", "term"): of("symbol", reported),
 }
+OF_RESULTS = {
+    ("idata", "result"): taken,
+    ("as_chains", "result"): taken_as_chains,
+    ("posterior", "result"): taken_with_posterior,
+    ("reported", "result"): reported_as_its_own,
+    ("betas", "move"): tempered,
+}
 OF_MOVES = {("state", "move"), ("restore", "move")}  # CONTRIBUTING.md has their test
 
 
@@ -328,8 +392,14 @@ def test_a_row_of_the_table_has_its_effect(row, kind):
     assert not CASES[row](kind, False)
 
 
+@pytest.mark.parametrize("row", OF_RESULTS, ids=" ".join)
+def test_a_row_of_results_and_of_tempering_has_its_effect(row):
+    assert OF_RESULTS[row](True)
+    assert not OF_RESULTS[row](False)
+
+
 def test_the_table_has_all_that_is_read_and_each_row_a_case():
-    assert PAIRS == CASES.keys() | OF_MOVES
+    assert PAIRS == CASES.keys() | OF_MOVES | OF_RESULTS.keys()
     text = "".join(path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py"))
     read = set(re.findall(r'read_declared\([\w.]+, "(\w+)"\)', text))
     assert len(read) > 10

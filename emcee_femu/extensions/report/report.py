@@ -135,8 +135,9 @@ def report(
         raise ImportError("a report needs Jinja2: pip install jinja2") from None
     path, said = _check_words(path, title, text)
     result = source
-    tell: Callable[[], Reported | None] = getattr(source, "reported", lambda: None)
-    if told := tell():
+    tell = read_declared(source, "reported")
+    told: Reported | None = tell() if tell else None
+    if told:
         source = told.source
     own = told if told and told.title else None
     run = source if isinstance(source, Run) else None
@@ -356,7 +357,7 @@ def _draw_all(
     """Yield the figures of each section that has some, by experiment."""
     from ... import figures
 
-    if own:  # a section of the result's own
+    if own and own.figure:  # in a section of the result's own
         yield "own", [("", getattr(figures, own.figure)(result))]
     if measured:
         places = dict.fromkeys(part.experiment for part in measured)
