@@ -66,7 +66,10 @@ def read_combination(label: object) -> dict[Hashable, float] | None:
     """Return ``{DOF: factor}`` of a label such as ``"0.87*2:ux + 0.5*2:uy"``.
 
     None for the label of a single DOF. In ``"2:ux - 1:ux"`` the factors are 1 and -1.
+    What is no label, but such a mapping, is returned as a dict.
     """
+    if isinstance(label, Mapping):
+        return dict(label)
     parts: dict[Hashable, float] = {}
     end, text = 0, str(label).strip()
     while end < len(text):
@@ -114,10 +117,7 @@ def is_rotation(dof: object) -> bool:
 
 def _label(dof: object) -> object:
     """Return a DOF, or the label of a combination, however it was written."""
-    parts = dof if isinstance(dof, Mapping) else None
-    if isinstance(dof, str):
-        parts = read_combination(dof)
-    if parts is None:
+    if (parts := read_combination(dof)) is None:
         return dof
     factors = [checks.real_number("dofs", factor) for factor in parts.values()]
     if not all(factors):

@@ -1,7 +1,7 @@
 """Modes as other programs hand them over: universal files, pyOMA2."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -96,7 +96,7 @@ def read_uff(
         dofs = [named[x] for x in kept]
     else:
         given = [] if dofs is None else np.asarray(dofs, dtype=object).ravel().tolist()
-        said = [isinstance(dof, Mapping) or read_combination(dof) for dof in given]
+        said = [read_combination(dof) is not None for dof in given]
         plain = [x for i, x in enumerate(kept) if not any(said[i : i + 1])]
         warn_of_own_axes(path, sets, plain, axes)
     known = np.nan_to_num(shapes)

@@ -19,6 +19,7 @@ from ..contracts import (
     Parameters,
     Variable,
     modal_variables,
+    read_declared,
     show_declared,
 )
 from ..measurements.directions import along_axis
@@ -28,7 +29,7 @@ from .eigen_sparse import DenseProblem, SparseEigenproblem, SparseSum
 from .factorization import factor_definite
 from .geometry import Geometry
 from .matrices import Matrix, read_matrix, refuse_empty, warn_of_uncoupled
-from .polynomials import Export, Named, fit_polynomials
+from .polynomials import Export, fit_polynomials
 from .sensors import Dofs, choose_sensors
 
 
@@ -284,7 +285,7 @@ class MatrixModel(AffineModel):
         constants, units = fit_polynomials(base, changes, {} if at is None else at)
         (K0, M0), (K, M) = constants.values(), units.values()
         model = cls(K0, M0, K, M, n_modes=n_modes, skip=skip, shapes=shapes)
-        model.geometry = base.geometry if isinstance(base, Named) else None
+        model.geometry = read_declared(base, "geometry")
         return model
 
 

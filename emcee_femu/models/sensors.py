@@ -77,19 +77,20 @@ def choose_sensors(
         return Sensors(tuple(dofs), tuple(range(len(dofs)))) if chosen else NONE
     if isinstance(chosen, Mapping):
         labels, wanted = list(chosen), list(chosen.values())
+        arguments = [f"{argument}[{label!r}]" for label in labels]
     elif not isinstance(chosen, str) and np.ndim(np.asarray(chosen, dtype=object)) == 1:
         wanted = [*chosen]
         labels = [
             write_combination(x) if isinstance(x, Mapping) else along_axis(x)[0]
             for x in wanted
         ]
+        arguments = [argument] * len(wanted)
     else:
         raise TypeError(
             f"{argument}: expected True, False, DOFs or {FORM}, got {chosen!r}"
         )
     combined = [_parts_of(argument, each, dofs) for each in wanted]
-    for label, parts in zip(labels, combined, strict=True):
-        of = f"{argument}[{label!r}]" if isinstance(chosen, Mapping) else argument
+    for of, parts in zip(arguments, combined, strict=True):
         if not parts:
             raise ValueError(f"{of}: expected {{DOF: factor}}, got none")
         for dof, factor in parts.items():

@@ -223,15 +223,16 @@ class LogPosterior(Report):
             >>> posterior([1.5, 2.0]).round(3).tolist()
             [-5.906, -5.781, -0.125, 0.5]
         """
-        boxes = [*prior.values()] if isinstance(prior, Mapping) else []
-        law = IndependentPrior(prior) if isinstance(prior, Mapping) else prior
-        check_prior(law)
+        boxes: list[tuple[float, float]] = []
+        if isinstance(prior, Mapping):
+            boxes, prior = [*prior.values()], IndependentPrior(prior)
+        check_prior(prior)
         named = {} if kwargs is None else kwargs
-        bare = DensityModel(log_likelihood, law.names, vectorize, args, named)
-        draws = law.sample(np.random.default_rng(0), TRIED_DRAWS)
-        self = cls(bare.declare_blobs(draws), bare.density, law, units)
+        bare = DensityModel(log_likelihood, prior.names, vectorize, args, named)
+        draws = prior.sample(np.random.default_rng(0), TRIED_DRAWS)
+        self = cls(bare.declare_blobs(draws), bare.density, prior, units)
         if boxes and all(np.shape(ends) == (2,) for ends in boxes):
-            self.log_box = float(np.log(np.diff(law.bounds)).sum())
+            self.log_box = float(np.log(np.diff(prior.bounds)).sum())
         return self
 
     def _set(self, pairs: Tests, prior: Prior, units: Units) -> None:

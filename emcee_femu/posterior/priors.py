@@ -265,7 +265,7 @@ def join_families(marginals: Sequence[Any]) -> list[tuple[list[int], Marginal]]:
         if len(alike) > 1:
             args = np.array([one.args for one in alike]).T
             kwds = {k: np.array([one.kwds[k] for one in alike]) for k in first.kwds}
-            first = getattr(stats, first.dist.name)(*args, **kwds)
+            first = first.dist(*args, **kwds)
         joined.append((which, first))
     return joined
 

@@ -26,11 +26,11 @@ def weigh_moves(moves: object, argument: str = "moves") -> list[tuple[Move, floa
         label = f"{argument} (their weights)"
         weighted = [(m, checks.real_number(label, w, 0.0)) for m, w in pairs]
     for move, _ in weighted:
-        if isinstance(move, type) or not hasattr(move, "propose"):
+        remedy = f"; write {move.__name__}()" if isinstance(move, type) else ""
+        if remedy or not hasattr(move, "propose"):
             raise TypeError(
                 f"{argument}: expected an emcee move, a list of moves or of (move, "
-                f"weight), or 'auto', got {move!r}"
-                + (f"; write {move.__name__}()" if isinstance(move, type) else "")
+                f"weight), or 'auto', got {move!r}{remedy}"
             )
     if not sum(weight for _, weight in weighted) > 0:
         expected = "at least one move of a weight above zero"

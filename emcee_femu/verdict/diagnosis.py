@@ -159,18 +159,18 @@ class Diagnosis(Report):
 
     @property
     def short(self) -> str:
-        """The three statements in one line."""
-        return self._join("short", ". ") + "."
+        """The statements in one line."""
+        return ". ".join(f"{k}: {s.short}" for k, s in self._statements.items()) + "."
 
     @property
     def verdict(self) -> str:
-        """The three statements, one below the other."""
-        return self._join("sentence", "\n")
+        """The statements, one below the other."""
+        return "\n".join(f"{k}: {s.sentence}" for k, s in self._statements.items())
 
-    def _join(self, attribute: str, between: str) -> str:
+    @property
+    def _statements(self) -> Mapping[str, Statement]:
         three = {"Chains": self.chains, "Search": self.search, "Fit": self.fit}
-        every = three | dict(self.further)
-        return between.join(f"{k}: {getattr(s, attribute)}" for k, s in every.items())
+        return three | dict(self.further)
 
     @property
     def table(self) -> Table:

@@ -173,8 +173,8 @@ def _weigh(
     weighted: dict[str, list[tuple[Move, float]] | None] = {}
     example = "moves, such as {'DE-MC': DEMCMove()}"
     for label, move in checks.by_label("moves", moves, example).items():
-        auto = isinstance(move, str) and move == "auto"
-        weighted[label] = None if auto else weigh_moves(move, f"moves[{label!r}]")
+        argument = f"moves[{label!r}]"
+        weighted[label] = None if move == "auto" else weigh_moves(move, argument)
     return weighted
 
 
