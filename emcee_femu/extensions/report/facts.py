@@ -77,21 +77,14 @@ def say_trust(diagnosis: Diagnosis, measured: Sequence[Measured]) -> str:
         parts.insert(0, f"do not use these numbers yet: {' and '.join(against)}")
     judged = [part for part in measured if part.replicated is not None]
     if judged:
-        inside, total = (sum(map(f, judged)) for f in (_count_inside, _count))
+        inside = sum(int(part.inside.sum()) for part in judged)
+        total = sum(len(part.values) for part in judged)
         parts.append(f"the model reproduces {inside} of {total} measured values")
     maxima = 0 if diagnosis.maxima is None else diagnosis.maxima.held
     found = {0: "no second solution was looked for", 1: "no second solution was found"}
     parts.append(found.get(maxima, f"{maxima} different solutions were found"))
     text = "; ".join(parts)
     return f"{text[:1].upper()}{text[1:]}."
-
-
-def _count_inside(part: Measured) -> int:
-    return int(part.inside.sum())
-
-
-def _count(part: Measured) -> int:
-    return len(part.values)
 
 
 def choose_telling(
