@@ -50,6 +50,11 @@ def sequence(argument: str, value: Iterable[T], form: str) -> list[T]:
     return list(value)
 
 
+def one_or_several(value: T | Sequence[T]) -> list[T]:
+    """Return what a sequence holds, or the one thing that is no sequence."""
+    return list(value) if isinstance(value, Sequence) else [value]
+
+
 def function(argument: str, value: object) -> None:
     """Refuse what cannot be called."""
     if not callable(value):

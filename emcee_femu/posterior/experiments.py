@@ -71,11 +71,11 @@ class Experiment:
     """
 
     def __init__(self, name: str, model: Model, terms: Terms) -> None:
-        sequence = tuple(terms) if isinstance(terms, Sequence) else (terms,)
-        check_terms(model, sequence)
+        several = checks.one_or_several(terms)
+        check_terms(model, several)
         self.name, self.model = name, model
         self.paired = model if isinstance(model, PairedModel) else None
-        self.terms = tuple(map(as_term, sequence))
+        self.terms = tuple(map(as_term, several))
         names = [term.name or f"term{i}" for i, term in enumerate(self.terms)]
         self.term_names = checks.parameter_names("terms (their names)", names)
         declared = declare(model, self.terms)

@@ -5,7 +5,7 @@ Its autocorrelation times, by which all judgements count, are computed here too.
 
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -89,7 +89,7 @@ def read_chains(
         except ValueError as error:
             raise ValueError(f"{argument}: {error}") from None
         return _of_file(store, posterior, discard, read)
-    samplers = list(source) if isinstance(source, Sequence) else [source]
+    samplers = checks.one_or_several(source)
     backends = [getattr(sampler, "backend", sampler) for sampler in samplers]
     if not backends or not all(isinstance(b, Backend) for b in backends):
         remedy = "; run(...) its .posterior first" if "posterior" in dir(source) else ""

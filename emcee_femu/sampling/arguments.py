@@ -79,13 +79,13 @@ def check_starts(
     return points
 
 
-def check_backends(backend: object, ensembles: int) -> list[Backend | None]:
+def check_backends(
+    backend: Backend | Sequence[Backend] | None, ensembles: int
+) -> list[Backend | None]:
     """Return one empty emcee backend per ensemble, or None for each."""
     if backend is None:
         return [None] * ensembles
-    backends: list[Backend] = (
-        list(backend) if isinstance(backend, Sequence) else [backend]
-    )
+    backends: list[Backend] = checks.one_or_several(backend)
     if len(backends) != ensembles:
         raise ValueError(
             f"backend: expected one for each of {ensembles} ensembles, "
