@@ -193,22 +193,22 @@ def _lay_out(
 
 def _draw_modes(panels: list[Axes], laid: Layout, structure: bool) -> None:
     """Draw each mode in its panel, after the structure if that is asked for."""
-    (geometry, solved, numbers, drawn, view, low, high, size, *_) = laid
+    (geometry, solved, numbers, drawn, view, low, high, extent, *_) = laid
     for axes in panels:
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         axes.set(xticks=[], yticks=[], frame_on=False)
     if structure:
         sensors = solved.pairing.sensors if solved.pairing else ()
-        _draw_sensors(panels.pop(0), geometry, view, sensors, LARGEST_DRAWN * size)
+        _draw_sensors(panels.pop(0), geometry, view, sensors, LARGEST_DRAWN * extent)
     for axes, number, mode in zip(panels, numbers, drawn, strict=True):
         bent = _bend_lines(geometry, mode)
         moves = [moved for _, moved in bent]
         moves += [x[None] for part in mode[:3] for x in part.values()]
         largest = np.linalg.norm(np.concatenate(moves), axis=1).max()
-        factor = LARGEST_DRAWN * size / max(float(largest), np.finfo(float).tiny)
+        factor = LARGEST_DRAWN * extent / max(float(largest), np.finfo(float).tiny)
         _draw_mode(axes, geometry, view, mode, bent, factor)
         axes.set_title(_title(solved, number - 1), fontsize=9)
-    _draw_directions(panels[0], view, low + 0.05 * size, 0.12 * size)
+    _draw_directions(panels[0], view, low + 0.05 * extent, 0.12 * extent)
 
 
 def _displace(modes: ModeShapes, geometry: Geometry, i: int) -> list[Moves]:
