@@ -164,7 +164,9 @@ def run(
     # 1. Check what is asked, before any solve.
     checks.instance("posterior", posterior, LogPosterior)
     weighted = None if moves == "auto" else copy_moves(weigh_moves(moves))
-    _warn_of_stock(weighted or ())
+    for move, _ in weighted or ():
+        if fault := find_stock_fault(move):
+            warnings.warn(f"moves: {fault}", UserWarning, stacklevel=2)
     nwalkers = check_walkers(nwalkers, weighted, posterior, few=steps is None)
     ensembles = checks.whole_number("ensembles", ensembles, 1)
     steps = None if steps is None else checks.whole_number("steps", steps, 1)
@@ -333,13 +335,6 @@ def _make_samplers(
         for part, mine, chain in zip(parts, own, backends, strict=True)
     ]
     return samplers, states
-
-
-def _warn_of_stock(weighted: Weighted) -> None:
-    """Warn of emcee's own moves that sample wrongly."""
-    for move, _ in weighted:
-        if fault := find_stock_fault(move):
-            warnings.warn(f"moves: {fault}", UserWarning, stacklevel=3)
 
 
 def _warn_if_long(
