@@ -173,7 +173,7 @@ def test_a_mass_beyond_the_end_of_a_cantilever(how):
         [(0, 1, "bar", (None, (-arm, 0, 0)))] if how == "bar" else [(0, 1, "bar")]
     )
     offset = None if how == "bar" else (arm, 0, 0)
-    tip = [(1, (m, "tip"), offset, (0, turning, 0)), (1, 1e-9)]
+    tip = [(1, (m, "tip"), offset, (np.int64(0), turning, 0)), (1, 1e-9)]
     held = {0: "all", 1: ("ux", "uy", "rx", "rz")}
     model = FrameModel(ends, elements, {"bar": bar}, held, masses=tip, n_modes=1)
     K = STIFFNESS / L**3 * np.array([[12, -6 * L], [-6 * L, 4 * L**2]])

@@ -21,6 +21,12 @@ def one_mass(**options):
     return ef.frf.FRFModel(model, LINES, [(0, 0)], damping="zeta", **options)
 
 
+def test_damping_in_percent_is_doubted_where_the_model_is_made():
+    with pytest.warns(UserWarning, match=r"damping: .*damping=0\.01") as caught:
+        ef.frf.FRFModel(chain(), LINES, CHANNELS, damping=[1.5, "zeta", 2.0])
+    assert [warning.filename for warning in caught] == [__file__]
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_degree_of_freedom(kind):
     k, zeta = np.array([800.0, 1500.0]), np.array([0.01, 0.2])
