@@ -103,7 +103,8 @@ def _ask(record: Run, ess: float) -> tuple[bool, str]:
     chain = judge_chains(diagnosis, record.starts_given)
     least = np.nan_to_num([diagnosis.ess_bulk, diagnosis.ess_tail]).min()
     known = chain.status != NOT_CONVERGED and least >= ess
-    known &= not (diagnosis.sd_error > SETTINGS.sd_at_end).any()
+    if record.search:
+        known &= not (diagnosis.sd_error > SETTINGS.sd_at_end).any()
     if known:
         return True, f"converged, ESS {least:,.0f}"
     return False, f"sampling, ESS {least:,.0f} of {ess:,.0f}"

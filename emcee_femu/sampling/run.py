@@ -94,7 +94,7 @@ def run(
             temperature.
         steps: Number of stored steps. None to stop as soon as the chains have
             converged, every parameter has ``ess`` effective samples and standard
-            deviations are known to 5 %.
+            deviations are known to 5 %, or to 10 % by other moves than "auto".
         ess: Effective sample size (bulk and tail) at which a run without ``steps``
             stops.
         solves: Maximum number of solves, search included, if ``steps`` is None.

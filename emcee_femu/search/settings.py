@@ -28,9 +28,12 @@ class Settings:
         independence_shares: Pairs of an acceptance of the proposal, and the share of
             independence proposals in the chain from that acceptance on.
         sd_at_end: Relative error that every standard deviation must fall below before a
-            run may end. It is half of the verdict's limit, since a run that is judged
-            repeatedly would otherwise end too early by chance. (With it, one run in
-            fifty ends with a standard deviation that is more than 12 % off.)
+            run of "auto" may end. It is half of the verdict's limit, since a run that
+            is judged repeatedly would otherwise end too early by chance. (With it, one
+            run in fifty ends with a standard deviation that is more than 12 % off.)
+            Runs by other moves end at the verdict's limit: they know a tail only by
+            their chain, so that those which have hardly seen it claim the smallest
+            errors, and would be the first to meet a stricter limit.
     """
 
     sized_for: int = 10_000

@@ -12,6 +12,7 @@ from support.free_posterior import box, free_posterior
 
 import emcee_femu as ef
 from emcee_femu.search.settings import SETTINGS
+from emcee_femu.verdict.verdict import SD_KNOWN_TO
 
 OPTIONS = {"nwalkers": 8, "ensembles": 4, "seed": 1}
 
@@ -58,13 +59,35 @@ def test_it_ends_when_it_has_converged_and_is_long_enough(ended):
 
 
 @pytest.mark.slow
-def test_every_standard_deviation_is_known_then(ended, monkeypatch):
+def test_auto_ends_when_every_standard_deviation_is_known(monkeypatch):
+    auto = {"seed": 2, "ess": 2_000}
+    ended = ef.run(POSTERIOR, **auto)
     errors = ef.diagnose(ended).sd_error
     settings = replace(SETTINGS, sd_at_end=errors.mean())
     monkeypatch.setattr("emcee_femu.sampling.advance.SETTINGS", settings)
-    longer = run(ess=2_000)  # one was known as well before, but not both
+    longer = ef.run(POSTERIOR, **auto)  # one was known as well before, but not both
     assert longer[0].iteration > ended[0].iteration
     assert ef.diagnose(longer).sd_error.max() <= errors.mean() < errors.max()
+
+
+def heavy(x):
+    """The log-density of a Gaussian, 1.5 % of which is six times as wide."""
+    squares = (x**2).sum(axis=1)
+    return np.logaddexp(-squares / 2, np.log(0.015 / 6**2) - squares / 72)
+
+
+def test_given_moves_end_as_soon_as_the_verdict_calls_them_converged():
+    """They claim of a heavy tail what the verdict allows, and no less."""
+    both = ef.IndependenceMove(
+        [0.5, 0.5], np.zeros((2, 2)), [np.eye(2), 36 * np.eye(2)]
+    )
+    options = {"moves": both, **OPTIONS}
+    posterior = free_posterior(heavy, box(-40, 40, 2))
+    found = ef.run(posterior, ess=100, **options)
+    assert found.stopped == "converged" and ef.diagnose(found).converged
+    assert SETTINGS.sd_at_end < ef.diagnose(found).sd_error.max() <= SD_KNOWN_TO
+    before = max(n for n in LOOKS if n < found[0].iteration)
+    assert not ef.diagnose(ef.run(posterior, steps=before, **options)).converged
 
 
 @pytest.mark.slow
