@@ -28,20 +28,15 @@ from .quadratic import (
 
 # Log-posterior that a step has to gain: it ends 0.045 standard deviations from the top.
 WORTH_A_STEP = 1e-3
-# Prior standard deviations that one step may change a parameter, the widest that a
-# direction is taken for. From far below an inferred error, Newton's step has no limit.
-LONGEST_STEP = LEAST_CURVATURE**-0.5
 # Log-posterior that may remain where no step gains: by the noise of a solver, at a kink
 # or a sharp bend.
 NOISE_OF_TOP = 0.1
 # Most steps of a climb.
 MOST_STEPS = 100
-# Ratios of the actual gain to the predicted one: below the first the radius shrinks,
-# above the second the whole step of the quadratic is tried again.
-GAIN_POOR = 0.25
-GAIN_GOOD = 0.75
-# Factor of the step by which the radius shrinks.
-SHORTER = 0.25
+# If a step gains less than this share of what the quadratic predicts, the radius
+# becomes this share of the step; if it lacks less, the radius is no limit any more.
+# (Nocedal and Wright, 2006, algorithm 4.1, where all three numbers are a quarter.)
+MISTRUST = 0.25
 # Least width of a posterior relative to that of the prior: no data make it as narrow,
 # and rounded frequencies would stop a climb at a tenth of it. A point closer to a bound
 # than this is put on it.
@@ -141,7 +136,10 @@ class Climb:
             return
         self.way.append(local)
         curvature = make_positive(local.curvature)
-        room = np.clip(box.T - local.point, -LONGEST_STEP, LONGEST_STEP)
+        # From far below an inferred error, Newton's step has no limit. No parameter
+        # changes by more than the largest width that a direction is taken for.
+        longest = LEAST_CURVATURE**-0.5
+        room = np.clip(box.T - local.point, -longest, longest)
         step, gain = step_within(local.gradient, curvature, *room)
         self.target = None
         if gain < WORTH_A_STEP and not local.fresh:
@@ -171,17 +169,17 @@ class Climb:
         gained = (trial.value - local.value) / self.predicted
         if gained > 0 and trial.usable:
             self.local = trial
-            if gained < GAIN_POOR:
-                self.radius = SHORTER * length
-            elif gained > GAIN_GOOD:
+            if gained < MISTRUST:
+                self.radius = MISTRUST * length
+            elif gained > 1 - MISTRUST:
                 self.radius = np.inf
         elif local.fresh:
-            self.radius = SHORTER * length
+            self.radius = MISTRUST * length
         else:
             self.target = None  # the curvature misled
         if (
             self.predicted < WORTH_A_STEP
-            and gained < GAIN_GOOD
+            and gained < 1 - MISTRUST
             and self.damped
             and local.fresh
         ):
