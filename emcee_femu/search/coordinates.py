@@ -12,10 +12,8 @@ from ..contracts import Floats, Prior
 from ..evaluation.evaluator import Evaluation
 from ..posterior.derivatives import difference, unstack
 from ..posterior.log_posterior import LOG_POSTERIOR, LOG_PRIOR
-from ..posterior.priors import prior_scale
+from ..posterior.priors import MOMENT_DRAWS, prior_scale
 
-# Draws of the prior from which its quantiles are estimated.
-QUANTILE_DRAWS = 20_000
 # Least ratio of the quantiles .95 and .05 at which logarithms are considered.
 DECADES = 30.0
 
@@ -53,14 +51,14 @@ class Coordinates:
     @classmethod
     def positive(cls, prior: Prior) -> Self:
         """Return logarithms of all parameters that are positive."""
-        theta = prior.sample(np.random.default_rng(0), QUANTILE_DRAWS)
+        theta = prior.sample(np.random.default_rng(0), MOMENT_DRAWS)
         logs = (theta.min(axis=0) > 0) & (prior.bounds[:, 0] >= 0)
         return cls(prior, logs, np.zeros_like(logs))
 
     @classmethod
     def of(cls, prior: Prior) -> Self:
         """Return logarithms of parameters over decades that are symmetric on them."""
-        theta = prior.sample(np.random.default_rng(0), QUANTILE_DRAWS)
+        theta = prior.sample(np.random.default_rng(0), MOMENT_DRAWS)
         low, middle, high = np.quantile(theta, [0.05, 0.5, 0.95], axis=0)
         logs = cls.positive(prior).logs & (high > DECADES * low)
         ends = np.log(np.where(logs, [low, middle, high], 1.0))

@@ -11,7 +11,7 @@ from scipy import special
 from .. import checks
 from ..contracts import Floats
 from ..evaluation.resume import open_evaluator
-from ..evaluation.starts import check_first_solve
+from ..evaluation.starts import MOST_START_DRAWS, check_first_solve
 from ..moves.mixture import GAUSSIAN, Mixture
 from ..posterior.derivatives import DIGITS, is_printed
 from ..posterior.log_posterior import LOG_POSTERIOR, LogPosterior
@@ -24,9 +24,6 @@ from .quadratic import moments_inside
 
 # Most maxima in the tables.
 SHOWN_MAXIMA = 4
-# Draws for each one that is wanted inside the bounds, which cost no solve; a Gaussian
-# of which fewer than 1 % is inside is refused.
-TRIALS = 100
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -94,8 +91,9 @@ class FoundMap(Report):
         draws, _ = _draw_inside(self.maxima, self.weights, bounds, n, rng)
         if len(draws) < n:
             raise ValueError(
-                f"n: of {TRIALS * n} draws of the gaussians only {len(draws)} are "
-                f"inside the bounds, fewer than {n}; start from the prior"
+                f"n: of {MOST_START_DRAWS * n} draws of the gaussians only "
+                f"{len(draws)} are inside the bounds, fewer than {n}; start from the "
+                "prior"
             )
         return draws
 
@@ -320,6 +318,8 @@ def _draw_inside(
 ) -> tuple[Floats, Floats]:
     """Draw from the Gaussians about maxima, inside the bounds.
 
+    Draws cost no solve, but have to be inside as often as those of any start.
+
     Returns:
         Draws, fewer than n if most of the Gaussians is out of bounds, and the log of
         their density up to a constant: cutting at the bounds only rescales it.
@@ -327,6 +327,6 @@ def _draw_inside(
     centres = np.array([maximum.theta for maximum in maxima])
     covariances = np.array([maximum.covariance for maximum in maxima])
     mixture = Mixture(weights, centres, covariances, GAUSSIAN)
-    draws = mixture.draw(rng, TRIALS * n)
+    draws = mixture.draw(rng, MOST_START_DRAWS * n)
     draws = draws[inside(draws, bounds)][:n]
     return draws, mixture.log_density(draws)

@@ -47,8 +47,7 @@ INDEPENDENT = 0.3
 # Temperatures of walkers on a surface, with equal shares in the proposal. Hot ones see
 # tails that draws of the posterior hardly meet, where a walker would stay long.
 SURFACE_TEMPERATURES = (1.0, 2.0, 4.0)
-# Points weigh less if their log-density is below the largest by more, per parameter.
-WEIGHED_LEVEL = 2.0
+HOTTEST = max(SURFACE_TEMPERATURES)
 # Weight of a point at least: if few points had any, each would be fitted exactly, and
 # nothing could be said of its error.
 LEAST_WEIGHT = 1e-4
@@ -144,8 +143,10 @@ def fit_surface(
     rest = log_p - log_prior - log_normal(r, sd).sum(axis=1)
     targets = np.column_stack([r, np.log(sd), rest])
     units = np.column_stack([sd, np.ones_like(sd), np.ones_like(rest)])
-    below = np.maximum(log_p.max() - log_p - WEIGHED_LEVEL * d, 0.0)
-    weights = np.maximum(np.exp(-below / 4), LEAST_WEIGHT)[:, None]
+    # Points weigh less if they are lower than walkers at the highest temperature are
+    # on average: by half of it for each parameter, as for a Gaussian.
+    below = np.maximum(log_p.max() - log_p - HOTTEST / 2 * d, 0.0)
+    weights = np.maximum(np.exp(-below / HOTTEST), LEAST_WEIGHT)[:, None]
     fits = []
     for logs in (np.zeros(d, dtype=bool), prior.bounds[:, 0] >= 0):
         x = _coordinates(prior, logs).coordinates(theta)
