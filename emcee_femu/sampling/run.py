@@ -11,9 +11,10 @@ from os import PathLike
 import emcee
 from emcee.backends import Backend
 from numpy.typing import ArrayLike
+from scipy.constants import hour, minute
 
 from .. import checks
-from ..contracts import Floats
+from ..contracts import Floats, Move
 from ..evaluation.ensemble import Sampler
 from ..evaluation.evaluator import Bar, Evaluation
 from ..evaluation.memory import Weighted, copy_moves, foreign_moves
@@ -40,8 +41,6 @@ LONG_RUN = 600.0
 BRIEF = 3.0
 # The same where points are solved one by one, of which a batch is one.
 BRIEF_ALONE = 0.1
-MINUTE = 60.0
-HOUR = 3600.0
 
 
 def run(
@@ -163,10 +162,7 @@ def run(
     """
     # 1. Check what is asked, before any solve.
     checks.instance("posterior", posterior, LogPosterior)
-    weighted = None if moves == "auto" else copy_moves(weigh_moves(moves))
-    for move, _ in weighted or ():
-        if fault := find_stock_fault(move):
-            warnings.warn(f"moves: {fault}", UserWarning, stacklevel=2)
+    weighted = None if moves == "auto" else _copy_given(moves)
     nwalkers = check_walkers(nwalkers, weighted, posterior, few=steps is None)
     ensembles = checks.whole_number("ensembles", ensembles, 1)
     steps = None if steps is None else checks.whole_number("steps", steps, 1)
@@ -237,6 +233,15 @@ def run(
             # The burn-in is stored with its number of steps, since a run may go on.
             store["burn-in"] = [[samplers[0].iteration, record.burn_in]]
     return replace(record, stopped=stopped)
+
+
+def _copy_given(moves: object) -> list[tuple[Move, float]]:
+    """Return copies of moves with their weights, and warn of those that are wrong."""
+    weighted = copy_moves(weigh_moves(moves))
+    for move, _ in weighted:
+        if fault := find_stock_fault(move):
+            warnings.warn(f"moves: {fault}", UserWarning, stacklevel=3)
+    return weighted
 
 
 def _sample(
@@ -358,7 +363,7 @@ def _warn_if_long(
     if not total > LONG_RUN:  # NaN too, if it is unknown
         return
     long = (
-        f"{total / HOUR:.1f} hours" if total > HOUR else f"{total / MINUTE:.0f} minutes"
+        f"{total / hour:.1f} hours" if total > hour else f"{total / minute:.0f} minutes"
     )
     remedies = "workers= shares those of a run among processes; solves= sets a limit"
     if not any(isinstance(e.model, DensityModel) for e in posterior.experiments):
