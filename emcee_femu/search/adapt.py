@@ -12,7 +12,7 @@ import numpy as np
 from ..contracts import Floats
 from ..moves.mixture import Mixture
 from .archive import Archive, JudgedProposal
-from .campaign import POOR_ACCEPTANCE, Campaign
+from .campaign import Campaign
 from .climbing import Maximum
 from .maxima import NEGLIGIBLE, WORTH_SOLVES
 from .proposal import CARRIER, Component, Proposal, add_components
@@ -57,7 +57,7 @@ def adapt(campaign: Campaign) -> None:
         if enough and not lost:
             break
         if number + 1 < REFINING_ROUNDS:
-            core = _refit(c, judged.acceptance < POOR_ACCEPTANCE)
+            core = _refit(c, judged.acceptance < c.settings.poor_acceptance)
             if lost:  # and grant as many solves again
                 core = add_components(core, [_at_maximum(core, top) for top in lost])
                 rounds, restored = [], restored + lost

@@ -15,7 +15,7 @@ from ..moves.mixture import PER_PARAMETER
 from ..posterior.followed_modes import follow_modes
 from .adapt import REFINING_ROUNDS, adapt, carry, judge
 from .anneal import anneal_population, fewest_members
-from .campaign import POOR_ACCEPTANCE, Campaign, Sizes, Stage
+from .campaign import Campaign, Sizes, Stage
 from .coordinates import Coordinates
 from .explore import explore
 from .importance import find_acceptance, resample
@@ -145,8 +145,9 @@ def bend(campaign: Campaign) -> None:
     log_c = surface(c.best.theta)
     accepted = find_acceptance(c.best.log_p, log_c, c.best.log_q)
     # A few draws are no sufficient reason to replace a fair mixture by a surface.
-    known = c.best.reliable or first.acceptance < POOR_ACCEPTANCE
-    if known and accepted > max(first.acceptance, POOR_ACCEPTANCE):
+    poor = c.settings.poor_acceptance
+    known = c.best.reliable or first.acceptance < poor
+    if known and accepted > max(first.acceptance, poor):
         c.surface = surface
     elif not c.best.is_better(first):
         c.best = first
@@ -154,8 +155,9 @@ def bend(campaign: Campaign) -> None:
 
 def look_for_gradients(campaign: Campaign) -> None:
     """Prefer trajectories where gradients are cheap and the proposal is poor."""
-    tunable = campaign.ledger.kept["tune"] > 0 and campaign.surface is None
-    campaign.by_gradients = tunable and campaign.best.acceptance < POOR_ACCEPTANCE
+    c = campaign
+    tunable = c.ledger.kept["tune"] > 0 and c.surface is None
+    c.by_gradients = tunable and c.best.acceptance < c.settings.poor_acceptance
 
 
 def anneal_starts(campaign: Campaign) -> None:
@@ -168,7 +170,8 @@ def anneal_starts(campaign: Campaign) -> None:
     if c.surface or best.reliable or (c.by_gradients and best.efficiency):
         return
     affordable = c.evaluator.solves < c.ledger.end("adapt", "judge")
-    if best.efficiency and (best.acceptance > POOR_ACCEPTANCE or not affordable):
+    fair = best.acceptance > c.settings.poor_acceptance
+    if best.efficiency and (fair or not affordable):
         return
     number = len(c.streams)
     size = max(fewest_members(c.posterior.ndim), POPULATION // number)

@@ -26,8 +26,6 @@ from .settings import SETTINGS, Settings
 # badly that polynomials are learned from its draws, which must reach the ends of a
 # ridge. (Of 14 buildings of ten storeys 13 converged; without it 10.)
 WEIGHED_WHERE_BENT = 2.0
-# Acceptance of independence proposals below which other moves do better.
-POOR_ACCEPTANCE = 0.2
 
 
 @dataclass(frozen=True)

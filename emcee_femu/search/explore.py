@@ -20,7 +20,7 @@ from ..posterior.plausibility import doubt_reach
 from ..posterior.priors import summarize_prior
 from .campaign import Campaign
 from .climbing import climb
-from .proposal import Proposal
+from .proposal import WIDER, Proposal
 from .shoulders import UNEXPLAINED, find_shoulders
 
 # Part of the budget that climbs may spend, however much is reserved for other stages.
@@ -37,8 +37,6 @@ TESTED = 8
 SHARE_TESTED = 0.1
 # Number of climbs from the prior that share their batches.
 CLIMBED_AT_ONCE = 24
-# Ratio of the widths of two scans about the maxima, one wider than the other.
-SCAN_WIDENS = 2.0
 
 
 def explore(campaign: Campaign) -> None:
@@ -192,9 +190,9 @@ class _Exploration:
         spread = summarize_prior(self.evaluator.posterior.prior)[1]
         widths = np.sqrt(np.diagonal(mixture.matrices, axis1=1, axis2=2))
         ratio = float((spread / widths).max())
-        count = max(int(np.ceil(np.log(ratio) / np.log(SCAN_WIDENS))), 1)
+        count = max(int(np.ceil(np.log(ratio) / np.log(WIDER))), 1)
         return [
-            replace(mixture, matrices=mixture.matrices * SCAN_WIDENS ** (2 * step))
+            replace(mixture, matrices=mixture.matrices * WIDER ** (2 * step))
             for step in range(1, count)
         ]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from ..contracts import Floats
-from ..moves.mixture import Mixture
+from ..moves.mixture import COVER_WEIGHT, Mixture
 
 Labels: TypeAlias = NDArray[np.intp]
 
@@ -20,11 +20,8 @@ DEFENSIVE = "defensive"
 TAIL = "tail"
 CARRIER = "carrier"
 
-# Weight of the defensive component, and its width relative to that of the core. It
-# bounds the importance weights where the others leave gaps, and in the tails
-# (Hesterberg 1995, doi:10.1080/00401706.1995.10484303).
-DEFENCE_WEIGHT = 0.1
-DEFENCE_WIDTH = 2.0
+# What surrounds other components is wider than they are by this factor.
+WIDER = 2.0
 # Largest total weight of components that are added at once.
 MOST_ADDED = 0.35
 # Squared distance of two centres, relative to the sum of their matrices, from which
@@ -65,13 +62,17 @@ class Proposal:
 
     @cached_property
     def law(self) -> Mixture:
-        """The mixture that is drawn from, with the defensive component."""
+        """The mixture that is drawn from, with the defensive component.
+
+        It bounds the importance weights where the others leave gaps, and in the tails
+        (Hesterberg 1995, doi:10.1080/00401706.1995.10484303).
+        """
         core = self.core
         mean = core.weights @ core.means
         apart = core.means - mean
         spread = (core.weights * apart.T) @ apart * (core.df - 2) / core.df
         wide = np.einsum("k,kij->ij", core.weights, core.matrices) + spread
-        defence = Component(DEFENCE_WEIGHT, mean, DEFENCE_WIDTH**2 * wide)
+        defence = Component(COVER_WEIGHT, mean, WIDER**2 * wide)
         return add_components(core, [defence])
 
     @property

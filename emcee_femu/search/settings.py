@@ -51,5 +51,16 @@ class Settings:
     )
     sd_at_end: float = 0.05
 
+    @property
+    def poor_acceptance(self) -> float:
+        """Acceptance of the proposal below which other moves do better."""
+        (best, _), *_ = self.independence_shares
+        return best
+
+    @property
+    def sd_known_to(self) -> float:
+        """Relative error of a standard deviation that the verdict allows."""
+        return 2 * self.sd_at_end
+
 
 SETTINGS = Settings()

@@ -12,7 +12,8 @@ from ..evaluation.evaluator import Evaluation
 from .archive import Archive
 from .campaign import Campaign
 from .climbing import Maximum, climb
-from .proposal import TAIL, Component
+from .proposal import TAIL, WIDER, Component
+from .settings import SETTINGS
 
 # Share of the draws beyond the value at which a tail begins.
 TAIL_SHARE = 0.003
@@ -25,10 +26,6 @@ WELL_SEEN = 4.5
 # Five draws are enough if Laplace's approximation finds at most twice their share.
 SEEN = 2.2
 AGREE = 2.0
-# Tails with less than this share of a variance change an sd by less than 5 %.
-TAIL_PART = 0.1
-# Largest width of a component, in standard deviations of the posterior.
-WIDEST = 2.0
 # Weight of the components relative to Laplace's share of the variance. (Mass-spring,
 # whose tail is .14 of a variance and .26 to .29 by Laplace: with 1 the draws are .5
 # instead of .6 effective, and runs take 12,200 instead of 11,200 solves.)
@@ -86,7 +83,8 @@ def _follow(
     bounds, sign = evaluator.posterior.prior.bounds, 2 * side - 1
     x, shares, found = archive.x, archive.shares, []
     mean, guess = shares @ x, np.atleast_2d(np.cov(x.T, aweights=shares, ddof=0))
-    sd, widest = np.sqrt(guess[j, j]), WIDEST * np.sqrt(np.diag(guess))
+    # No component is wider than the defensive one.
+    sd, widest = np.sqrt(guess[j, j]), WIDER * np.sqrt(np.diag(guess))
     order = np.argsort(x[:, j])[::-sign]
     place = x[order[int(np.searchsorted(shares[order].cumsum(), TAIL_SHARE))]]
     value, way = place[j], 0.0 * place
@@ -120,7 +118,8 @@ def _follow(
             break
         value, place = further, end
     total = sum(part for part, *_ in found)
-    if total < TAIL_PART:
+    # A share of a variance is half of that share of an sd.
+    if total < 2 * SETTINGS.sd_at_end:
         return []
     # They get equal weights, since the mass of a slab with few draws is hardly known.
     weight = TAIL_WEIGHT * total / len(found)

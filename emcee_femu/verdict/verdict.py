@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ..search.importance import GOOD_K, are_reliable
+from ..search.settings import SETTINGS
 from .diagnosis import CONVERGED, MIXED, NOT_CONVERGED, Diagnosis, Statement
 from .statistics import MaximaWeights
 
@@ -23,11 +24,13 @@ GOOD_RHAT = 1.01  # Vehtari et al. (2021), doi:10.1214/20-BA1221
 # apart, which tau cannot see. The limit grows for shorter chains as R-hat does: it is
 # 1.1 at 25 tau, where the worst is 1.06, and above 1.08 in one of twenty runs.
 WALKERS_APART = 1.05
-SD_KNOWN_TO = 0.1  # relative standard error of a standard deviation
+SD_KNOWN_TO = SETTINGS.sd_known_to  # relative standard error of an sd
 ERRORS_APART = 4.0  # between two estimates of a weight
 SMALL_WEIGHT = 0.005  # a weight, or a difference of two, that does not matter
 ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays at a maximum
-MEAN_KNOWN_TO = 0.05  # in sds, including waits at places of poor acceptance
+# Standard error of a mean in sds, including waits at places of poor acceptance: as
+# small as that of an sd at the end of a run.
+MEAN_KNOWN_TO = SETTINGS.sd_at_end
 WEIGHT_KNOWN_TO = MEAN_KNOWN_TO / ERRORS_APART  # standard error of a weight
 STUCK_BY_CHANCE = 0.05  # expected walkers that have not moved yet in a short chain
 TOO_SHORT = "too short"

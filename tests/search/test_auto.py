@@ -293,6 +293,7 @@ def test_polynomials_replace_a_fair_mixture_only_by_reliable_weights(
     )
     campaign = SimpleNamespace(
         bent=True,
+        settings=auto.SETTINGS,
         best=first,
         surface=None,
         streams=[None],
