@@ -11,7 +11,7 @@ import numpy as np
 from ..search.importance import GOOD_K, are_reliable
 from ..search.settings import SETTINGS
 from .diagnosis import CONVERGED, MIXED, NOT_CONVERGED, Diagnosis, Statement
-from .statistics import MaximaWeights
+from .statistics import FALSE_ALARM, TAU_KNOWN_TO, MaximaWeights
 
 # Steps per autocorrelation time below which tau itself is unreliable. (emcee centres
 # each walker on its own mean, so an estimate is .7 of tau on average. The largest of
@@ -32,10 +32,8 @@ ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays at a 
 # small as that of an sd at the end of a run.
 MEAN_KNOWN_TO = SETTINGS.sd_at_end
 WEIGHT_KNOWN_TO = MEAN_KNOWN_TO / ERRORS_APART  # standard error of a weight
-STUCK_BY_CHANCE = 0.05  # expected walkers that have not moved yet in a short chain
 TOO_SHORT = "too short"
 BEGINS_ELSEWHERE = "the chain begins elsewhere"
-LENGTH_MARGIN = 1.25  # since tau and errors are estimates themselves
 MUCH = 4.0  # times longer, if no number says how much
 MUCH_TOO_SHORT = 1_000.0  # times longer; for more, the verdict says at least so much
 MOST_LONGER = 10.0  # times longer, above which a longer chain is not the remedy
@@ -50,7 +48,8 @@ def judge_chains(diagnosis: Diagnosis, starts_given: bool) -> Statement:
         short, sentence, longer = complaints[0]
         if longer:
             longer = min(max(factor for *_, factor in complaints), MUCH_TOO_SHORT)
-            steps = diagnosis.discard + LENGTH_MARGIN * longer * diagnosis.steps
+            # What says how much longer is an estimate itself.
+            steps = diagnosis.discard + TAU_KNOWN_TO * longer * diagnosis.steps
             unit = 10 ** max(int(np.log10(steps)) - 1, 0)  # two digits, and zeros
             needed = unit * int(np.ceil(steps / unit))
             sentence += f"; {diagnosis.cures.steps.format(needed)}"
@@ -81,7 +80,7 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
     moving = diagnosis.acceptance[diagnosis.acceptance > 0]
     # The expected number of walkers that have not moved after as many steps by chance.
     by_chance = ((1 - moving) ** diagnosis.steps).sum()
-    if stuck and by_chance < STUCK_BY_CHANCE:
+    if stuck and by_chance < FALSE_ALARM:
         yield complaint
     if drift := diagnosis.drift:
         over = drift < diagnosis.steps
@@ -115,7 +114,7 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
                 cure = "take a TemperedMove" if maxima else diagnosis.cures.search
                 sentence, longer = f"{sentence}, as between maxima; {cure}", 0.0
             yield short, sentence, longer
-    if stuck and by_chance >= STUCK_BY_CHANCE:
+    if stuck and by_chance >= FALSE_ALARM:
         yield complaint
     if maxima is not None:
         yield from _weights(maxima, diagnosis.acceptance.shape[1])
