@@ -8,13 +8,17 @@ from scipy.special import logsumexp, softmax
 from ..contracts import Floats
 from ..moves.mixture import Mixture
 from ..posterior.log_posterior import LOG_POSTERIOR, LOG_PRIOR
-from .importance import are_reliable, find_acceptance, kish_share, pareto_k
+from .importance import (
+    EVIDENCE_APART,
+    are_reliable,
+    find_acceptance,
+    kish_share,
+    pareto_k,
+)
 from .proposal import Labels, Proposal, assign
 
 # Effective draws below which a kurtosis would come from a few of them.
 FEWEST_OF_KURTOSIS = 100
-# A proposal finds more of a posterior than another if its log evidence exceeds by this.
-EVIDENCE_MISSED = 1.0
 
 
 class Archive:
@@ -169,4 +173,4 @@ class JudgedProposal:
             return self.efficiency > other.efficiency
         gain = self.log_evidence - other.log_evidence
         better = self.efficiency > other.efficiency
-        return gain > EVIDENCE_MISSED or (gain > -EVIDENCE_MISSED and better)
+        return gain > EVIDENCE_APART or (gain > -EVIDENCE_APART and better)

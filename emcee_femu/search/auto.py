@@ -11,6 +11,7 @@ from ..contracts import Floats
 from ..evaluation.ensemble import start_state
 from ..evaluation.evaluator import Evaluation
 from ..moves import HamiltonianMove
+from ..moves.hamiltonian import MOST_LEAPS, RECORDED, TUNING_ROUNDS
 from ..moves.mixture import PER_PARAMETER
 from ..posterior.followed_modes import follow_modes
 from .adapt import REFINING_ROUNDS, adapt, carry, judge
@@ -39,8 +40,9 @@ MOST_SCREENED = 100
 POPULATION = 1_000
 # Draws from which Hamiltonian moves are tuned.
 TUNING_DRAWS = 24
-# Most solves that this takes. Moves are only tuned if the budget is at least twice it.
-TUNING = 14_000
+# Most solves that this takes, beside one for each draw. Moves are only tuned if the
+# budget is at least twice as many.
+TUNING = TUNING_DRAWS * (TUNING_ROUNDS + RECORDED) * MOST_LEAPS
 
 
 def budget_of(evaluations: int) -> int:

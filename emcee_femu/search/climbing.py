@@ -17,6 +17,7 @@ from ..likelihoods.term import ERROR_PRIOR
 from ..posterior.log_posterior import LOG_POSTERIOR
 from .coordinates import Coordinates
 from .curvature import Local, Space
+from .importance import EVIDENCE_APART
 from .quadratic import (
     LEAST_CURVATURE,
     clip_curvature,
@@ -37,13 +38,10 @@ MOST_STEPS = 100
 # becomes this share of the step; if it lacks less, the radius is no limit any more.
 # (Nocedal and Wright, 2006, algorithm 4.1, where all three numbers are a quarter.)
 MISTRUST = 0.25
-# Least width of a posterior relative to that of the prior: no data make it as narrow,
-# and rounded frequencies would stop a climb at a tenth of it. A point closer to a bound
-# than this is put on it.
-NARROWEST = 1e-8
-# Drop of the log evidence towards a singularity, at least, for its integral to count as
-# finite. Where it is finite the drop is 10 and more, elsewhere there is none.
-VANISHING = 5.0
+# Least width of a posterior relative to that of the prior: the curvature of a narrower
+# one would have no digits, no data make it as narrow, and rounded frequencies would
+# stop a climb at a tenth of it. A point closer to a bound than this is put on it.
+NARROWEST = np.sqrt(np.finfo(float).eps)
 # Distance of two maxima in standard deviations, below which they are one: the sum of
 # two equal Gaussians so near has one top.
 SAME = 2.0
@@ -300,7 +298,8 @@ def _end(space: Space, ascent: Climb, masses: bool) -> Maximum:
 def _find_mass(space: Space, ascent: Climb, masses: bool) -> Local:
     """Return the point of the largest evidence on the way to a spike."""
     evidences = np.array([_laplace(space, one, ascent)[2] for one in ascent.way])
-    if masses and evidences.size and evidences[-1] < evidences.max() - VANISHING:
+    # Where the integral is finite the drop is 10 and more, elsewhere there is none.
+    if masses and evidences.size and evidences[-1] < evidences.max() - EVIDENCE_APART:
         return ascent.way[int(evidences.argmax())]
     theta = space.coordinates.inside(ascent.local.point[None] * space.scale)
     values = [f"{value:.5g}" for value in theta[0]]

@@ -17,8 +17,11 @@ GOOD_K = 0.7
 FAIR_SHARE = 0.5
 # Fewest weights for which k is estimated.
 FEWEST_WEIGHTS = 25
-# Relative range of the largest weights, below which they are equal and have no tail.
-EQUAL = 1e-9
+# Relative range of the largest weights, below which they are equal and have no tail:
+# half of the digits of a number, since log-densities in the thousands lose others.
+EQUAL = np.sqrt(np.finfo(float).eps)
+# Two log evidences that differ by more are not those of the same parts.
+EVIDENCE_APART = 1.0
 
 
 def pareto_k(log_weights: Floats) -> float:
