@@ -9,6 +9,7 @@ from scipy.special import expit
 
 from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
+from ..moves.mixture import PER_PARAMETER
 from .archive import Archive
 from .campaign import Campaign
 from .climbing import Maximum, climb
@@ -23,15 +24,13 @@ TAIL_WIDTH = 0.8
 TAIL_MATTERS = 1e-3
 # The draws in a slab tell its share if that is this many standard errors: 20 draws.
 WELL_SEEN = 4.5
-# Five draws are enough if Laplace's approximation finds at most twice their share.
-SEEN = 2.2
+# If Laplace's approximation finds at most so many times their share, as many times
+# fewer standard errors are enough: 5 draws.
 AGREE = 2.0
 # Weight of the components relative to Laplace's share of the variance. (Mass-spring,
 # whose tail is .14 of a variance and .26 to .29 by Laplace: with 1 the draws are .5
 # instead of .6 effective, and runs take 12,200 instead of 11,200 solves.)
 TAIL_WEIGHT = 0.5
-# Draws of each slab, of these alone.
-PER_SLAB = 40
 # Rounds of climbs in the tails.
 TAIL_ROUNDS = 2
 # Solves that each round may spend.
@@ -43,7 +42,9 @@ def follow_tails(campaign: Campaign) -> None:
     c, new = campaign, list[Component]()
     for number in range(TAIL_ROUNDS + 1):
         if new:
-            c.extend(new, TAIL, max(c.sizes.batch // 2, PER_SLAB * len(new)))
+            # These draws come from the new components alone.
+            fewest = PER_PARAMETER * c.posterior.ndim * len(new)
+            c.extend(new, TAIL, max(c.sizes.batch // 2, fewest))
         if number == TAIL_ROUNDS or (number and not new):
             return
         most = min(c.ledger.end("judge"), c.evaluator.solves + TAIL_SOLVES)
@@ -111,7 +112,7 @@ def _follow(
                 guess = top.covariance
             if way @ before < 0:  # from one arm to another
                 way = 0.0 * way
-            agree = seen > SEEN * error and mass < AGREE * seen
+            agree = AGREE * seen > WELL_SEEN * error and mass < AGREE * seen
             if part > TAIL_MATTERS and not agree:
                 found.append((part, *_within(top, j, box, way, widest)))
         if not max(part, seen * square) > TAIL_MATTERS:
