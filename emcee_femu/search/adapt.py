@@ -33,10 +33,6 @@ TERMS = 10
 HELD_BY_TERMS = 0.08
 # Weight of a component for draws that carry a variance, before it is increased.
 CARRIER_WEIGHT = 0.02
-# ln(p / q) above which such a draw counts: a good proposal leaves less.
-CARRIER_LACK = 0.3
-# Share of the nearest component's matrix that is added to that of a carrier.
-CARRIER_RIDGE = 0.3
 # Most rounds of adding carriers.
 CARRYING_ROUNDS = 4
 
@@ -134,7 +130,7 @@ def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]
         held = np.partition(terms, -TERMS)[-TERMS:].sum()
         if held <= HELD_BY_TERMS * terms.sum():  # both are 0 if one draw has all mass
             continue
-        part = np.where(lack > CARRIER_LACK, terms, 0.0)
+        part = np.where(lack > 0, terms, 0.0)  # where the law has less than its share
         if not part.sum() > 0:
             continue
         part /= part.sum()
@@ -142,7 +138,8 @@ def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]
         nearest = np.argmin(plain.squared_distances(mean[None])[0])
         centred = x - mean
         matrix = (part * centred.T) @ centred
-        matrix += CARRIER_RIDGE * plain.matrices[nearest]
+        # That of the nearest component counts like one of the effective draws.
+        matrix += part @ part * plain.matrices[nearest]
         yield mean, matrix
 
 
