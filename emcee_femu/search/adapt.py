@@ -33,6 +33,9 @@ TERMS = 10
 HELD_BY_TERMS = 0.08
 # Weight of a component for draws that carry a variance, before it is increased.
 CARRIER_WEIGHT = 0.02
+# ln(p / q) above which such a draw counts: a good proposal leaves less. (If all above 0
+# count, those of the core draw a carrier away from an arm.)
+CARRIER_LACK = 0.3
 # Most rounds of adding carriers.
 CARRYING_ROUNDS = 4
 
@@ -130,7 +133,7 @@ def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]
         held = np.partition(terms, -TERMS)[-TERMS:].sum()
         if held <= HELD_BY_TERMS * terms.sum():  # both are 0 if one draw has all mass
             continue
-        part = np.where(lack > 0, terms, 0.0)  # where the law has less than its share
+        part = np.where(lack > CARRIER_LACK, terms, 0.0)
         if not part.sum() > 0:
             continue
         part /= part.sum()
