@@ -48,7 +48,7 @@ MODULES = {
 }
 SETTINGS = MODULES["auto"].SETTINGS
 LEFT_OUT = """FOLLOWED_MAC NARROWEST CURVATURE_ROUNDED FEWEST_WEIGHTS LAST_POWERS
-    AGREED NO_MAXIMUM BRIEF BRIEF_ALONE COEFFICIENT_RIDGE LONG_RUN MINUTE HOUR GAUSSIAN
+    AGREED NO_MAXIMUM COEFFICIENT_RIDGE LONG_RUN GAUSSIAN
     STAGES LOG_POSTERIOR LOG_PRIOR""".split()
 FIELDS = {field.name: "Settings" for field in fields(SETTINGS)}
 NAMES = FIELDS | {
@@ -105,7 +105,7 @@ def scale(name: str, value: Any, factor: float) -> Any:
     if isinstance(value, int):
         return max(1, round(value * factor))
     name = name.upper()
-    if name in ("LOOK_FURTHER", "SCAN_WIDENS"):
+    if name in ("LOOK_FURTHER", "WIDER"):
         return 1 + factor * (value - 1)
     if name.endswith(("DF", "DFS")):
         return max(value * factor, 2.1)
