@@ -229,16 +229,17 @@ def broken(x):
 
 @SLOW
 def test_failed_solves_are_counted_and_cost_no_more_than_themselves(caplog):
+    """The last certificate has so many draws that a tenth of them may fail."""
     caplog.set_level(logging.CRITICAL, "emcee_femu")
     posterior = posed(broken)
-    found = ef.run_emulated(posterior, 120, seed=2, on_failure="reject")
+    found = ef.run_emulated(posterior, 160, seed=2, on_failure="reject")
     solved = np.array(posterior.model.solved)
     failed = ((solved * 1e6 % 1).sum(axis=1) % 1 < 0.1).sum()
-    assert found.solves == len(solved) == len(np.unique(solved, axis=0)) <= 120
+    assert found.solves == len(solved) == len(np.unique(solved, axis=0)) <= 160
     assert found.failed_solves == failed > 0
     assert (found.weights == 0).sum() <= failed and found.short != "refused"
     with pytest.raises(ArithmeticError, match="no convergence"):
-        ef.run_emulated(posed(broken), 120, seed=2)
+        ef.run_emulated(posed(broken), 160, seed=2)
 
 
 def test_what_is_wrong_is_refused_before_the_first_solve(tmp_path):
