@@ -119,7 +119,7 @@ class Certificate(Report):
         if self._reasons:
             return REFUSED
         shift, off, error = self._differences
-        close = max(shift, off + SURE * error) <= CLOSE_MOMENTS
+        close = max(shift, off + self._sure * error) <= CLOSE_MOMENTS
         return CERTIFIED if self.efficiency >= EQUAL_WEIGHTS and close else CORRECTED
 
     @property
@@ -180,11 +180,16 @@ class Certificate(Report):
         )
 
     @property
+    def _sure(self) -> float:
+        """Errors added to a difference: none of draws that have been judged before."""
+        return 0.0 if self.refitted else SURE
+
+    @property
     def _differences(self) -> tuple[float, float, float]:
         """The largest of the means, in sds, and of sds, relative, with its error."""
         shift = np.abs(self.mean - self.emulated_mean) / self.sd
         off, error = np.abs(self.emulated_sd / self.sd - 1), self.off_error / self.sd
-        worst = int(np.argmax(off + SURE * error))
+        worst = int(np.argmax(off + self._sure * error))
         return float(shift.max()), float(off[worst]), float(error[worst])
 
     @property

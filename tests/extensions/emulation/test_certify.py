@@ -203,6 +203,7 @@ LIGHT = {"pareto_k": 0.1, "effective": 40.0}
         ("corrected", lambda c: {"emulated_mean": c.mean + 0.15 * c.sd}),
         ("certified", lambda c: {"emulated_mean": c.mean + 0.05 * c.sd}),
         ("corrected", lambda c: {"off_error": 0.06 * c.sd}),
+        ("certified", lambda c: {"off_error": 0.06 * c.sd, "refitted": True}),
         ("certified", lambda c: {"pareto_k": 5.0}),  # weights are nearly equal
         ("refused", lambda c: UNEQUAL),
         ("corrected", lambda c: {"efficiency": 0.6, "pareto_k": 0.1}),
