@@ -20,7 +20,7 @@ from ..evaluation.evaluator import Bar, Evaluation
 from ..evaluation.memory import Weighted, copy_moves, foreign_moves
 from ..evaluation.progress import check_progress, complete, progress_bar
 from ..evaluation.resume import StoredEvaluation, logger, open_evaluator
-from ..evaluation.starts import LONG_CALL, check_first_solve, draw_starts, time_batch
+from ..evaluation.starts import check_first_solve, draw_starts, time_batch
 from ..evaluation.store import Store, StoredChain
 from ..models.function import DensityModel
 from ..moves.proposing import find_stock_fault, ladder_of
@@ -37,6 +37,10 @@ from .record import Run
 SIZED_BY = 3
 # Seconds above which the length of a run is announced.
 LONG_RUN = 600.0
+# If a solve takes fewer seconds than this, a batch is solved to time it better.
+BRIEF = 3.0
+# The same where points are solved one by one, of which a batch is one.
+BRIEF_ALONE = 0.1
 
 
 def run(
@@ -348,11 +352,12 @@ def _warn_if_long(
     # A first call may be far slower than later ones: a worker, for example, has to
     # import the model first.
     posterior, half = evaluator.posterior, max(shape[0] // 2, 1)
+    brief = BRIEF
     if evaluator.pool is not None:
         half *= shape[1]  # the ensembles take turns on it
     elif posterior.one_by_one:
-        half = 1  # a batch takes as many times longer
-    if LONG_RUN / evaluations < seconds < LONG_CALL:
+        half, brief = 1, BRIEF_ALONE
+    if LONG_RUN / evaluations < seconds < brief:
         seconds = time_batch(evaluator, half)
     total = seconds * evaluations
     if not total > LONG_RUN:  # NaN too, if it is unknown

@@ -164,7 +164,6 @@ def test_a_function_of_one_point_is_timed_again_if_it_is_fast(
 ):
     """So that what the first call loads is not taken for a solve, nor many solved."""
     calls = []
-    monkeypatch.setattr("emcee_femu.sampling.run.LONG_CALL", 0.1)  # a second
 
     def law(x):
         calls.append(x.tolist())
