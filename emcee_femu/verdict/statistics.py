@@ -17,7 +17,6 @@ from scipy import stats
 from scipy.special import softmax
 
 from ..contracts import Floats
-from ..moves.mixture import MOST_FIT_DRAWS
 from ..search.importance import independence_acceptance, pareto_k
 from ..search.record import Chains
 from ..table import Parts, Report, Table
@@ -27,6 +26,7 @@ FEWEST_ENSEMBLES = 3  # fewest whose scatter can be judged
 FALSE_ALARM = 1e-4  # probability of a false alarm, over all parameters
 TAU_KNOWN_TO = 1.5  # ratio by which a variance claimed from tau may be too small
 TAILS = (0.05, 0.95)  # quantiles
+MOST_WEIGHED = 20_000  # draws in a batch, and most draws for Pareto k
 # Share of independence proposals among the steps. Below this share, other moves end
 # most waits, and waits say nothing.
 LEAST_INDEPENDENT = 0.5
@@ -251,7 +251,7 @@ def weigh_maxima(chains: Chains) -> MaximaWeights | None:
         return None
     count = len(search.weights)
     flat = draws.reshape(-1, draws.shape[-1])
-    pieces = np.array_split(flat, -(-len(flat) // MOST_FIT_DRAWS))
+    pieces = np.array_split(flat, -(-len(flat) // MOST_WEIGHED))
     log_q = np.concatenate([search.mixture.log_density(x) for x in pieces])
     log_weights = chains.log_prob.reshape(-1) - log_q
     owner = np.concatenate([search.label(x) for x in pieces])
@@ -262,7 +262,7 @@ def weigh_maxima(chains: Chains) -> MaximaWeights | None:
     with np.errstate(invalid="ignore"):  # for maxima without a draw
         acceptance = np.bincount(owner, accepted, count) / counts
     # Draws of p, not of q, have the tail index k / (1 - k).
-    k = pareto_k(log_weights[spread_out(len(flat), MOST_FIT_DRAWS)])
+    k = pareto_k(log_weights[spread_out(len(flat), MOST_WEIGHED)])
     share = search.share * search.screened
     mean_error, sd_error = _errors(flat, accepted, share)
     as_chains = indicators.transpose(1, 2, 0, 3).reshape(-1, len(draws), count)

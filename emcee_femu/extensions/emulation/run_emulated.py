@@ -218,7 +218,7 @@ def _certify(
     if found.short == CERTIFIED:
         emulator = emulation.refit()
         chain = _sample(emulator, true.prior, seed + number, rng)
-        told += f" Before the emulator learned from them, {found.differences}."
+        told += f" Before the emulator learned from its draws, {found.differences}."
         found = replace(
             found,
             refitted=True,

@@ -83,8 +83,11 @@ def known_points(emulator, theta):
 def test_what_is_handed_over_has_learned_from_the_draws(certified):
     found, _ = certified
     assert found.refitted and known_points(found.emulated, found.theta).all()
-    assert_allclose(ef.parameter_table(found).column("mean"), found.mean, rtol=1e-6)
-    assert (found.mean != found.emulated_mean).all()  # of the chain before
+    # Its chain, not the one before, which differs by little: the problem is linear.
+    change = np.abs(found.mean / found.emulated_mean - 1).min()
+    means = ef.parameter_table(found).column("mean")
+    assert_allclose(means, found.mean, rtol=min(change / 10, 1e-6))
+    assert change > 1e-11
 
 
 @SLOW
