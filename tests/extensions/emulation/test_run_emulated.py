@@ -83,11 +83,6 @@ def known_points(emulator, theta):
 def test_what_is_handed_over_has_learned_from_the_draws(certified):
     found, _ = certified
     assert found.refitted and known_points(found.emulated, found.theta).all()
-    # Its chain, not the one before, which differs by little: the problem is linear.
-    change = np.abs(found.mean / found.emulated_mean - 1).min()
-    means = ef.parameter_table(found).column("mean")
-    assert_allclose(means, found.mean, rtol=min(change / 10, 1e-6))
-    assert change > 1e-11
 
 
 @SLOW
@@ -98,6 +93,7 @@ def test_an_emulator_that_learning_changes_much_is_not_certified(monkeypatch):
     assert found.short == "corrected" and found.refitted
     table = ef.parameter_table(found)
     assert_allclose(table.column("mean"), found.mean, rtol=1e-6)
+    assert (np.abs(found.sd / found.emulated_sd - 1) > 0.2).any()  # of another chain
     assert "weight" not in found.idata["sample_stats"]  # the chain, not the draws
 
 
