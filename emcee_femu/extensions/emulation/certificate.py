@@ -42,8 +42,9 @@ class Certificate(Report):
     Attributes:
         names: Parameter names, ``d`` of them.
         solves: Total number of full solves.
-        failed_solves: Number of solves that failed and counted as zero likelihood.
-        efficiency: Effective share of the weights (Kish): 1 if all are equal.
+        failed_solves: Number of solves that failed.
+        efficiency: Effective share of the weights (Kish): 1 if all are equal. Draws
+            that failed by chance do not count.
         effective: Number of independent draws that the weighted draws are worth.
         settled: Whether the emulator ended within its tolerance; None where that is
             not known, or the approximate posterior is not of :func:`emulate`.
@@ -166,7 +167,8 @@ class Certificate(Report):
         """The log evidence of the true posterior; None if "auto" did not sample."""
         if (emulated := self.emulated_evidence) is None:
             return None
-        of_weights = np.sqrt((1 - self.efficiency) / self.effective)
+        solved = np.mean(self.weights > 0)  # what failed is zero in the evidence
+        of_weights = np.sqrt((1 - self.efficiency * solved) / self.effective)
         problems, error = emulated.problems, emulated.log_evidence_error
         if self.short == REFUSED:
             problems, error = (*problems, "the emulated posterior is refused"), np.inf

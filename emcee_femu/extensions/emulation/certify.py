@@ -35,7 +35,7 @@ from ...search.importance import GOOD_K, kish_share, smooth_tail
 from ...verdict.burn_in import FEWEST_STEPS
 from ...verdict.diagnosis import NOT_CONVERGED, NOT_SEARCHED, SEARCHED, Statement
 from ...verdict.verdict import TOO_SHORT
-from .certificate import EQUAL_WEIGHTS, GROUP, Certificate
+from .certificate import EQUAL_WEIGHTS, GROUP, SURE, Certificate
 from .draws import WIDER_POWER, draw_wider
 from .emulated import SETTLED, EmulatedModel
 from .emulated_chain import (
@@ -134,9 +134,11 @@ def certify(
         seed: A whole number; the same seed gives the same certificate.
         workers: Number of worker processes, as in :func:`run`.
         pool: A pool to solve in, instead of workers; see :func:`run`.
-        on_failure: "reject" to give a draw whose solve fails the weight zero and log
-            it; "raise" to stop and name its parameters. A failed solve of a climb
-            shortens a step or ends the climb.
+        on_failure: "reject" to log a draw whose solve fails and to leave it out, or,
+            if such draws lie elsewhere than the others by two standard errors of a
+            parameter's mean or variance, to give it the weight zero; "raise" to stop
+            and name its parameters. A failed solve of a climb shortens a step or ends
+            the climb.
         max_failures: Fraction of failed solves above which the verdict is *refused*.
         backend: File in which each solve is stored as soon as it is done, such as
             "beam.chain".
@@ -244,27 +246,32 @@ def judge_draws(
     unsound, warned = judged
     faults = [*compare_bounds(chain, evaluator.posterior.prior), *unsound]
     most = min(solves // SEARCH_SHARE, MOST_SEARCH_SOLVES)
-    maxima, lost = _look_elsewhere(chain, evaluator, most, rng)
+    maxima, unfinished = _look_elsewhere(chain, evaluator, most, rng)
     climbed = evaluator.failed
     left = solves - evaluator.solves - again
     theta, emulated, log_shares, narrow = _choose_draws(chain, approximate, left, rng)
     rows = np.array([row for _, row in sorted(evaluator.each(theta))])
-    n, log_posterior = len(theta), rows[:, 0]
+    n, log_posterior, failed = len(theta), rows[:, 0], evaluator.failed - climbed
+    lost = log_posterior == -np.inf
+    by_chance = 0 < failed < n and not _lie_apart(theta, lost)
+    known = ~lost if by_chance else np.full(n, True)
     ratios = log_posterior - emulated
     counted = log_shares + ratios
     log_ratio, possible = float(logsumexp(counted)), bool(counted.max() > -np.inf)
     worth = n * kish_share(counted)
     # That of draws of the emulated posterior alone.
-    efficiency = kish_share(ratios, log_shares)
+    efficiency = kish_share(ratios[known], log_shares[known])
     smoothed, pareto_k = smooth_tail(counted)
     if efficiency < EQUAL_WEIGHTS and pareto_k <= GOOD_K:
         counted = smoothed
     weights, moments = np.zeros(n), np.full((len(MOMENTS), len(chain.names)), np.nan)
     if possible:
         weights = softmax(counted)
-        moments = correct_moments(chain, theta, np.exp(log_shares), weights)
-    if (failed := evaluator.failed - climbed) > max_failures * n:
+        shares = softmax(log_shares[known])
+        moments = correct_moments(chain, theta[known], shares, weights[known])
+    if failed > max_failures * n:
         faults.append(f"{failed} of {n} draws could not be solved")
+    notes = _note(chain, n, len(maxima), unfinished, evaluator.failed, by_chance)
     named: dict[str, Any] = dict(zip(MOMENTS, moments, strict=True))
     certificate = Certificate(
         names=chain.names,
@@ -282,15 +289,27 @@ def judge_draws(
         theta=theta,
         weights=n * weights,
         log_posterior=log_posterior,
-        search=_judge_climbs(maxima, lost),
+        search=_judge_climbs(maxima, unfinished),
         faults=tuple(faults),
         missed=find_missed(chain, maxima, theta, log_posterior, weights),
-        notes=(*warned, *narrow, *_note(chain, n, len(maxima), lost, evaluator.failed)),
+        notes=(*warned, *narrow, *notes),
         emulated_evidence=log_evidence(chain.idata) if chain.searched else None,
         idata=chain.idata,
         posterior=evaluator.posterior,
     )
     return certificate, rows, emulated
+
+
+def _lie_apart(theta: Floats, lost: Floats) -> bool:
+    """Return whether draws that failed lie elsewhere than the others, by some moment.
+
+    By chance the mean of a few values, and of their squares, is that of all draws.
+    """
+    sigmas = (theta - theta.mean(axis=0)) / theta.std(axis=0)
+    squares = sigmas**2 - 1
+    moments = np.hstack([sigmas, squares / squares.std(axis=0)])
+    chance = np.sqrt(1 / max(lost.sum(), 1) - 1 / len(lost))
+    return bool((np.abs(moments[lost].mean(axis=0)) > SURE * chance).any())
 
 
 def _choose_draws(
@@ -390,11 +409,22 @@ def judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
 
 
 def _note(
-    chain: EmulatedChain, n: int, arrived: int, lost: list[str], failed: int
+    chain: EmulatedChain,
+    n: int,
+    arrived: int,
+    lost: list[str],
+    failed: int,
+    by_chance: bool,
 ) -> list[str]:
     """Return further remarks on ``n`` solved draws, in sentences."""
     sentences = []
-    if failed:
+    if by_chance:
+        sentences.append(
+            f"{failed} solves failed. The draws among them lie like the others, so "
+            "they are taken to have failed by chance and were left out; in the "
+            "evidence they count as zero."
+        )
+    elif failed:
         sentences.append(
             f"{failed} solves failed; the posterior counts as zero there, which "
             "the emulator does not know: cut the prior to where the model can be "

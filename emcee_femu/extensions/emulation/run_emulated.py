@@ -91,7 +91,7 @@ def run_emulated(
             batch choose other points.
         pool: A pool to solve in, instead of workers; see :func:`run`.
         on_failure: "raise" to stop at the first solve that fails; "reject" to leave its
-            point out of the fit and to count its posterior as zero.
+            point out of the fit and to judge draws without it, as :func:`certify` does.
         max_failures: Fraction of failed solves above which "reject" stops. Of the draws
             of a certificate a fifth may fail.
         backend: File in which each solve is stored as soon as it is done, such as

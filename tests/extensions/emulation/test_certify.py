@@ -390,6 +390,37 @@ def test_failed_solves_have_no_weight():
     kept = found.idata["posterior"]["x1"].values
     assert np.isfinite(kept).all() and kept.size == (found.weights > 0).sum()
     assert certify(SHIFTED, true, solves=300, max_failures=0.05).short == "refused"
+    none = certify(NEAR, failing(TRUE, lambda theta: theta[:, 0] < 99.0), solves=20)
+    assert none.short == "refused" and none.efficiency == 0.0
+
+
+def failing(law, where):
+    """Return the law as a posterior that cannot be solved at some places."""
+
+    def solve(theta):
+        if where(theta).any():
+            raise RuntimeError("no convergence")
+        return law(theta)
+
+    return free_posterior(solve, WIDE_BOX)
+
+
+def test_what_fails_by_chance_is_left_out_and_what_fails_in_a_place_is_not():
+    """The law: most of the first are certified, few of the second, right if large."""
+    chance = failing(TRUE, lambda theta: theta[:, 0] * 1e3 % 1 < 0.1)
+    tail = failing(TRUE, lambda theta: theta[:, 0] > 1.2)  # 11.5 %
+    by_chance, in_tail = (
+        [certify(TRUE, true, n=1_000, seed=seed, solves=50) for seed in range(8)]
+        for true in (chance, tail)
+    )
+    assert sum(c.short == "certified" for c in by_chance) >= 5
+    left_out = [c for c in by_chance if c.efficiency > 1 - 1e-9]
+    assert len(left_out) >= 5 and any((c.weights == 0).any() for c in left_out)
+    assert sum(c.short == "certified" for c in in_tail) <= 2
+    large = certify(TRUE, tail, solves=500)
+    law = stats.truncnorm(-np.inf, 1.2)
+    assert large.efficiency == pytest.approx(stats.norm.cdf(1.2), abs=0.06)
+    assert abs(large.mean[0] - law.mean()) < 4 * large.mean_error[0]
 
 
 @pytest.mark.parametrize("on_failure", ["raise", "reject"])
