@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from os import PathLike
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,18 +17,17 @@ from ...contracts import Floats
 from ...evaluation.evaluator import Evaluation
 from ...evaluation.pools import count_workers
 from ...evaluation.progress import caption, check_progress, progress_bar
-from ...evaluation.resume import describe, open_evaluator
+from ...evaluation.resume import open_evaluator
 from ...posterior.log_posterior import LogPosterior
 from ...search.coordinates import Coordinates
 from ...table import Table
+from .design import FEWEST_FITTED, Design, plan
 from .draws import GROWN, EmulatedDraws, Explorer
 from .emulated import EmulatedExperiments, EmulatedModel, emulate_each
 from .gaussian_process import NUGGET
 from .partition import fit_outputs
-from .problem import FEWEST_FITTED, EmulationProblem, first_points
 
 UNITS = 8  # points at which measurement errors are taken from the terms
-MORE = 4  # points of the first design beyond d: a linear trend needs d + 1
 TOLERANCE = 0.1  # true error, in measurement errors, that hardly shifts a posterior
 SETTLED = 2  # consecutive rounds whose true error must be small
 # True error above which a wider, tempered posterior is drawn from.
@@ -176,56 +174,6 @@ def emulate(
         progress_bar(display, solves, "emulate") as evaluator.bar,
     ):
         return Emulation(design, evaluator).run(solves, tolerance)
-
-
-class Design(NamedTuple):
-    """What is emulated, and by how many solves at a time.
-
-    Attributes:
-        problem: What is emulated.
-        seed: Of all that is drawn.
-        first: The first points, ``(n, d)``.
-        few: Points of a batch at least; one of so many explores beyond the posterior.
-        batch: Points of a batch.
-    """
-
-    problem: EmulationProblem
-    seed: int
-    first: Floats
-    few: int
-    batch: int
-
-    def describe(self, moves: str) -> dict[str, Any]:
-        """Return what a file must have been made for."""
-        asked = {
-            "moves": moves,
-            "seed": self.seed,
-            "starts": self.first,
-            "derivatives": self.problem.derivatives,
-            "solves at a time": self.batch,
-        }
-        return describe(self.problem.posterior, asked)
-
-
-def plan(
-    posterior: LogPosterior,
-    width: int,
-    seed: int,
-    derivatives: bool,
-    starts: ArrayLike | None,
-) -> Design:
-    """Return the design of an emulation, for so many solves at a time.
-
-    Raises:
-        ValueError: As for :func:`emulate`.
-    """
-    problem = EmulationProblem(posterior, checks.flag("derivatives", derivatives))
-    seed = checks.whole_number("seed", seed)
-    d, fewer = posterior.ndim, problem.derivatives
-    number = max(d // 2 + 1, FEWEST_FITTED) if fewer else d + MORE
-    first = first_points(problem, max(number, width), seed, starts)
-    few = d // (4 if fewer else 2) + 1
-    return Design(problem, seed, first, few, max(few, width))
 
 
 class Emulation:

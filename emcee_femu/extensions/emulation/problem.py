@@ -11,10 +11,7 @@ error in these units says whether it matters.
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.stats import qmc
 
-from ... import checks
 from ...contracts import (
     Floats,
     Model,
@@ -40,12 +37,6 @@ UNREAD = 3.0  # times the usual error: a mode that no term reads matters less
 # Variables beside the others.
 SLOPES_SUFFIX, DERIVATIVES_KNOWN = " by parameter", "derivatives known"
 TERM_STEP = 1e-3  # of a variable's size, for terms that cannot be linearized
-
-
-DESIGN_DRAWS = 20_000  # of the prior, for its quantiles
-DESIGN_SPREAD = 0.8  # spread of the first points, in that of the prior
-NEAR_SPREAD = 0.25  # the same around a given point
-FEWEST_FITTED = 3  # points to which a process can be fitted
 
 
 class Recorder:
@@ -352,44 +343,3 @@ def _find_variables(posterior: LogPosterior) -> dict[str, Variable]:
     if "frequency" in needed and "shapes" in declared:  # to tell which mode is which
         needed["shapes"] = declared["shapes"]
     return needed
-
-
-def first_points(
-    problem: EmulationProblem, number: int, seed: int, starts: ArrayLike | None
-) -> Floats:
-    """Return a first design ``(n, d)`` inside the prior's support.
-
-    Sobol points, mapped through the quantiles of the prior and drawn together towards
-    its mean, which is among them; or towards a given point ``(d,)``, nearer to it. Or
-    the points ``(n, d)`` that were given.
-
-    Raises:
-        ValueError: If a start is out of bounds, or points are too few or alike.
-    """
-    coordinates, posterior = problem.coordinates, problem.posterior
-    rng = np.random.default_rng(*np.random.SeedSequence(seed).spawn(1))
-    draws = coordinates.sample(np.random.default_rng(0), DESIGN_DRAWS)
-    centre, spread = (mean := draws.mean(axis=0)), DESIGN_SPREAD
-    if starts is not None:
-        given = checks.real_array("starts", starts)
-        posterior.check_inside("starts", np.atleast_2d(given))
-        if given.ndim == 2:
-            among = given[:, problem.inputs]
-            if len(among) < FEWEST_FITTED or not np.ptp(among, axis=0).all():
-                raise ValueError(
-                    f"starts: expected a point (d,), or at least {FEWEST_FITTED} "
-                    "points (n, d) that differ in every parameter of the model, got "
-                    f"{given.tolist()}"
-                )
-            return given
-        centre, spread = coordinates.coordinates(given[None])[0], NEAR_SPREAD
-    power = int(np.ceil(np.log2(number - 1)))
-    places = qmc.Sobol(len(mean), seed=rng).random_base2(power)[: number - 1]
-    columns = zip(draws.T, places.T, strict=True)
-    far = np.column_stack([np.quantile(*pair) for pair in columns])
-    points = coordinates.parameters(np.vstack([centre, centre + spread * (far - mean)]))
-    theta = np.clip(points, *posterior.prior.bounds.T)
-    # Of a prior that is not independent.
-    outside = ~(posterior.prior.logpdf(theta) > -np.inf)
-    theta[outside] = posterior.prior.sample(rng, int(outside.sum()))
-    return theta

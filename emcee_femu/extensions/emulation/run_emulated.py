@@ -22,7 +22,8 @@ from ...sampling.run import run
 from .archive import Archive, RecalledEvaluation
 from .certificate import CERTIFIED, CORRECTED, REFUSED, Certificate
 from .certify import certify, judge_chain, judge_draws
-from .emulate import SETTLED, TOLERANCE, Emulation, emulate, plan
+from .design import plan
+from .emulate import SETTLED, TOLERANCE, Emulation, emulate
 from .emulated import EmulatedModel
 from .emulated_chain import EmulatedChain
 
