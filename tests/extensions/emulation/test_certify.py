@@ -589,6 +589,11 @@ def test_the_evidence_is_that_of_the_true_posterior(tmp_path):
     assert 2.0 < off < 4.0  # without the ratio of the two
     read = stored_and_read(found.idata, tmp_path / "corrected.nc")
     assert str(ef.log_evidence(read)) == str(evidence)
+    failed = np.arange(len(found.weights)) % 5 == 0  # by chance, of equal weights
+    equal = {"efficiency": 1.0, "effective": 40.0, "weights": np.where(failed, 0, 1.25)}
+    some = dataclasses.replace(found, **equal).evidence.log_evidence_error
+    others = found.emulated_evidence.log_evidence_error
+    assert some**2 - others**2 == pytest.approx(failed.mean() / 40, rel=1e-6)
     # Of moves that know no evidence there is none.
     plain = certificate([1.0005, 2.001], 60)[1]
     assert plain.evidence is None
