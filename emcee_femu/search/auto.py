@@ -123,10 +123,10 @@ def _plan(
         "tune": TUNING * tunable,
     }
     ledger = Ledger(evaluator, budget, kept)
-    most, usual = settings.most_searched, settings.searched_share * settings.sized_for
-    # At least half as many as for a run that ends by its verdict.
-    points = round(max(usual / 2, settings.searched_share * evaluations))
-    points = min(points, most)
+    most = settings.most_searched
+    # At least as many as for a run that ends by its verdict.
+    sized = max(settings.sized_for, evaluations)
+    points = min(round(settings.searched_share * sized), most)
     if not (posterior.differentiable or any(term.observed for term in posterior.terms)):
         points = max(points, min(most, evaluations, ledger.end()))
     return ledger, Sizes(points, batch, refined, judged)
