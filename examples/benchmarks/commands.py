@@ -11,7 +11,8 @@ import argparse
 import inspect
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from datetime import date
 from importlib.metadata import version
 from pathlib import Path
@@ -59,6 +60,20 @@ def tabulate(title: str, formats: Mapping[str, str], rows: Iterable[Any]) -> Tab
     table = Table(title, tuple(formats), tuple(formats.values()), tuple(found))
     print(table)
     return table
+
+
+def share_out(
+    function: Callable[[Any], Any], cases: Iterable[Any], workers: int
+) -> Iterator[Any]:
+    """Yield what a function returns of each case, by so many processes if not by one.
+
+    The processes know what this one has cached.
+    """
+    if workers == 1:
+        yield from map(function, cases)
+        return
+    with ProcessPoolExecutor(workers) as pool:
+        yield from pool.map(function, cases)
 
 
 def draws_of(run: Iterable[Any]) -> Floats:

@@ -16,12 +16,11 @@ for 100 certificates of budgets from far too few to plenty.
 
 import functools
 import warnings
-from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from commands import command, tabulate, weigh
+from commands import command, share_out, tabulate, weigh
 from few_solves import KINDS, PROBLEMS, true_draws
 
 import emcee_femu as ef
@@ -114,8 +113,9 @@ def truth_of(name: str) -> tuple[Floats, Floats]:
     return parts[0][0], parts[1][0]
 
 
-def judge(name: str, learned: str, budget: int, seed: int) -> Found:
+def judge(call: tuple[str, str, int, int]) -> Found:
     """Make one call, compare, and print a line."""
+    name, learned, budget, seed = call
     on_failure = "reject" if name == BLACK_BOX else "raise"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -180,11 +180,9 @@ def main(
     ]
     results: dict[tuple[str, str, int], list[Found]] = {}
     by_budget: dict[int, list[Found]] = {}
-    with ProcessPoolExecutor(workers) as pool:
-        found = pool.map(judge, *zip(*calls, strict=True))
-        for call, one in zip(calls, found, strict=True):
-            results.setdefault(call[:3], []).append(one)
-            by_budget.setdefault(call[2], []).append(one)
+    for call, one in zip(calls, share_out(judge, calls, workers), strict=True):
+        results.setdefault(call[:3], []).append(one)
+        by_budget.setdefault(call[2], []).append(one)
     tabulate("Solves that are certified and right", TAKES,
              (say_takes(*pair) for pair in results.items()))  # fmt: skip
     tabulate("What the certificates are worth", LAW,

@@ -114,6 +114,15 @@ def test_constants_stay_sensible():
 
 
 @pytest.mark.slow
+def test_stages():
+    """A search of fewer points takes fewer solves, one that adapts nothing more."""
+    changes = "today", "1,000 p.", "no adapt"
+    has, takes = load("benchmarks/stages").main(1, 41, ("ring of four",), changes, 1)
+    ((_, today, fewer, plain),) = takes.rows
+    assert has.column("today") == [1] and fewer < 0.8 * today < plain
+
+
+@pytest.mark.slow
 def test_constants(monkeypatch, capsys):
     """A search of fewer points takes fewer solves, one of more takes more."""
     constants = load("constants")
@@ -264,7 +273,7 @@ def test_one_call(monkeypatch, capsys):
     """The law of its page: what is certified is right, within the budget."""
     one_call = load("benchmarks/one_call")
     monkeypatch.setattr(one_call, "TRUE_SIZE", 2_000)
-    one_call.main(1, 7, ("beck_au",), ("with derivatives",), (90,))
+    one_call.main(1, 7, ("beck_au",), ("with derivatives",), (90,), 1)
     said = capsys.readouterr().out
     (row,) = [line.split() for line in said.splitlines() if line.startswith("90 ")]
     budget, calls, certified, wrong, *_ = map(int, row)
