@@ -96,8 +96,8 @@ for move, share in run.moves:
 # | you want the sampler of the paper, or emcee's own | `moves=`: {doc}`/how_to/choose_a_move` |
 #
 # {doc}`/start/choose` has the number of points, and what the search may spend.
-# {doc}`moves_measured` compares "auto" with other moves, and {doc}`calibration` says how
-# often it was right.
+# {doc}`moves_measured` compares "auto" with other moves, {doc}`stages_measured` says what
+# each stage buys for its solves, and {doc}`calibration` how often it was right.
 #
 # ## What is on record
 #
