@@ -111,7 +111,7 @@ show(lambda: ef.run(posterior, ef.DEMCMove(), **options, starts=outside))
 
 # %% tags=["remove-cell"]
 expected = ["pip install pyuff", "expected at least 2 * ndim = 10"]
-expected += ["give the prior bounds", "3", "got (1000, 2)", "starts: k1 = "]
+expected += ["give the prior bounds", "3", ", 2): one value", "starts: k1 = "]
 assert len(said) == len(expected)
 assert all(part in message for part, message in zip(expected, said, strict=True))
 del sys.modules["pyuff"]
