@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
+from support.campaigns import by_hand
 from support.free_posterior import box, free_posterior
 from support.gradients import LinearDerived, LinearTerm
 
@@ -307,3 +308,24 @@ def test_polynomials_replace_a_fair_mixture_only_by_reliable_weights(
     auto.bend(campaign)
     assert (campaign.surface is surface) == taken
     assert (campaign.best is found) == taken
+
+
+@pytest.mark.parametrize(
+    ("acceptance", "efficiency", "total", "populations"),
+    [
+        (0.01, 0.01, 30_000, 2),  # hardly meets the posterior
+        (0.40, 0.01, 30_000, 0),  # meets it well enough for a chain
+        (0.01, 0.01, 7_000, 0),  # no solve is left for a population
+        (0.01, 0.00, 30_000, 2),  # no draw is possible
+    ],
+)
+def test_starts_are_annealed_where_the_proposal_is_poor_and_solves_are_left(
+    acceptance, efficiency, total, populations
+):
+    posterior = free_posterior(lambda x: -0.5 * (x**2).sum(axis=1), box(-9, 9, 2))
+    campaign = by_hand(posterior, ensembles=2, total=total)
+    campaign.best = SimpleNamespace(
+        reliable=False, acceptance=acceptance, efficiency=efficiency
+    )
+    auto.anneal_starts(campaign)
+    assert len(campaign.populations) == populations

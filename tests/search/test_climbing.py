@@ -9,8 +9,9 @@ from support.free_posterior import FreeModel, box, free_posterior
 import emcee_femu as ef
 from emcee_femu.evaluation.evaluator import Evaluation, Solver
 from emcee_femu.search import quadratic
-from emcee_femu.search.climbing import Maximum, climb, distinct
+from emcee_femu.search.climbing import Climb, Maximum, climb, distinct
 from emcee_femu.search.coordinates import Coordinates
+from emcee_femu.search.curvature import Space
 from emcee_femu.search.quadratic import log_integral, make_positive, moments_inside
 
 # Lognormal times lognormal: the logarithms of s and t are Gaussian, and x by itself.
@@ -60,6 +61,16 @@ CASES = {
     "information": ef.LogPosterior(lambda p: Logs()(p), Term(), PRIOR),
     "jacobian": ef.LogPosterior(Logs(), Term(), PRIOR),
 }
+
+
+def test_of_a_gaussian_a_step_gains_what_it_predicts():
+    evaluator = Evaluation(Solver(CASES["jacobian"], False))
+    space = Space(evaluator, None, Coordinates.positive(PRIOR), None)
+    (local,) = space.look(np.array([[13.5, 1.2, -1.0]]) / space.scale)
+    ascent = Climb(local)
+    ascent.choose(space.box)
+    (there,) = space.look(ascent.target[None])
+    assert ascent.predicted == pytest.approx(there.value - local.value, rel=0.05)
 
 
 @pytest.mark.parametrize("case", CASES)
