@@ -1,5 +1,7 @@
 """The Hamiltonian move: its target, its solves, runs of it, and its tuning."""
 
+from types import SimpleNamespace
+
 import emcee
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from support.gradients import PRIOR, TERM, Derived, Failing, Solver
 from support.runs import never
 
 import emcee_femu as ef
+from emcee_femu.moves.hamiltonian import Points, _travel
 
 
 class Differentiable:
@@ -162,3 +165,17 @@ def test_tuning_finds_80_percent_acceptance_and_long_enough_trajectories():
     sampler = emcee.EnsembleSampler(50, 20, target, moves=move, vectorize=True)
     sampler.run_mcmc(target.sample(np.random.default_rng(2), (50,)), 60)
     assert 0.58 < sampler.acceptance_fraction.mean() < 0.95
+
+
+def test_in_tuning_the_steps_of_walkers_lie_on_both_sides_of_their_mean():
+    seen = []
+
+    def step(here, sizes):
+        seen.append(sizes)
+        return here
+
+    n = 60
+    here = Points(np.arange(n), *np.zeros((4, n, 2)))
+    _travel(SimpleNamespace(step=step), here, 1.0, 0.5, np.random.default_rng(1))
+    assert len(seen) == 2 and np.array_equal(*seen)  # one size on all of its way
+    assert 0.4 <= seen[0].min() < 0.44 and 0.56 < seen[0].max() <= 0.6

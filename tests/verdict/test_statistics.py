@@ -228,7 +228,7 @@ def test_objects_of_arviz_from_emcee_are_judged_and_tabulated():
             ef.predictive_table(idata)
 
 
-@pytest.mark.parametrize(("steps", "stuck_first"), [(13, False), (400, True)])
+@pytest.mark.parametrize(("steps", "stuck_first"), [(13, False), (200, True)])
 def test_a_walker_that_chance_has_not_moved_yet_is_not_the_first_complaint(
     steps, stuck_first
 ):
@@ -240,7 +240,7 @@ def test_a_walker_that_chance_has_not_moved_yet_is_not_the_first_complaint(
     found = ef.diagnose([backend(chain, moved)])
     assert (0, 3) in found.stuck
     named = ["stuck" in reason for reason in found.chains.reasons]
-    assert sum(named) == 1 and named[0] == stuck_first
+    assert len(named) > 1 and sum(named) == 1 and named[0] == stuck_first
 
 
 def test_maxima_without_weight_hold_no_samples():
