@@ -162,6 +162,9 @@ def test_tuning_finds_80_percent_acceptance_and_long_enough_trajectories():
     assert repr(move) == repr(tuned(target, kept, 1.5 * spread, seed=1))
     assert np.array_equal(samples, kept)
     assert 1.0 < move.steps * move.step_size < 3.0
+    # With variances alone, the correlation makes long trajectories worth their solves.
+    poor = tuned(target, samples, np.diag(spread), seed=1)
+    assert poor.steps > 2 * move.steps and poor.steps * poor.step_size > 2.0
     sampler = emcee.EnsembleSampler(50, 20, target, moves=move, vectorize=True)
     sampler.run_mcmc(target.sample(np.random.default_rng(2), (50,)), 60)
     assert 0.58 < sampler.acceptance_fraction.mean() < 0.95

@@ -55,6 +55,23 @@ def both(terms, prior=PRIOR):
     return [ef.LogPosterior(model(), terms, prior) for model in (Derived, Solver)]
 
 
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
+def test_a_parameter_that_only_terms_read_may_have_any_unit(scale):
+    """The gradient in it is the exact one, although the prior has no bounds."""
+
+    def shifted(parameters, response):
+        return -0.5 * (parameters["shift"] / scale - 1) ** 2
+
+    shifted.names = ("shift",)
+    laws = {"a": stats.norm(1, 0.2), "b": stats.lognorm(0.2)}
+    prior = ef.IndependentPrior(laws | {"shift": stats.norm(0.0, scale)})
+    term = ef.FrequencyTerm(MEASURED, sd=0.05)
+    posterior = ef.LogPosterior(Derived(), [term, shifted], prior)
+    theta = np.array([[1.0, 1.0, 3.0 * scale]])
+    slope = posterior.gradient(theta)[1][0, 2] * scale
+    assert slope == pytest.approx(-3.0 - 2.0, rel=1e-6)  # of prior and term
+
+
 @pytest.mark.parametrize("terms", TERMS.values(), ids=TERMS)
 def test_gradient_and_information_are_those_of_the_log_posterior(terms):
     derived, black_box = both(terms)
