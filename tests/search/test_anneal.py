@@ -9,7 +9,7 @@ from support.tempered_laws import BoundedLaw, GaussianLaw
 
 import emcee_femu as ef
 from emcee_femu.moves import IndependenceMove
-from emcee_femu.search.anneal import _renew
+from emcee_femu.search.anneal import _find_problems, _renew
 
 LIMIT = 5.0
 LAW = GaussianLaw()
@@ -68,6 +68,13 @@ def test_evidences_that_are_known_by_hand():
     assert np.abs(off).max() < 4 * np.sqrt(0.75 / (0.25 * 400))
     claimed = np.median([p.log_evidence_error for p in annealed])
     assert_allclose(claimed, np.sqrt(0.75 / (0.25 * 400)), rtol=0.3)
+
+
+@pytest.mark.parametrize(("off", "problems"), [(0.05, 0), (0.5, 1), (-0.5, 1)])
+def test_two_evidences_that_differ_by_many_of_their_errors_are_a_problem(off, problems):
+    """That along the powers, and that of 1,000 weights whose mean is one."""
+    weights = np.random.default_rng(1).normal(-0.02, 0.2, size=1_000)
+    assert len(_find_problems([weights], off, error=0.05)) == problems
 
 
 @pytest.mark.slow
