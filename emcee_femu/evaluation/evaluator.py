@@ -204,15 +204,15 @@ class Evaluation:
     def _reject_impossible(self, stacked: Floats) -> Floats:
         """Return results with a log-posterior of -inf where it is too low to be meant.
 
-        Of a function, which may mean so or not, that is said once. A likelihood of data
-        is as low as this where it is zero, such as beside no noise at all.
+        That is said once, unless all terms compare data: such a likelihood is as low as
+        this where it is zero, such as beside no noise at all. A function may mean more.
         """
         heights = stacked[:, LOG_POSTERIOR]
         low = (heights < IMPOSSIBLE) & np.isfinite(heights)
         if not low.any():
             return stacked
         whole = self.whole or self
-        of_data = any(term.observed for term in self.solver.posterior.terms)
+        of_data = all(term.observed for term in self.solver.posterior.terms)
         if not (whole.warned or of_data):
             whole.warned = True
             warnings.warn(

@@ -89,7 +89,8 @@ paper = ef.paper.mass_spring().posterior
 few = ef.emulate(paper, solves=14, seed=906, derivatives=False)
 run = ef.run(few.posterior, steps=300, seed=1)
 unsettled = ef.certify(ef.to_inference_data(run), paper, solves=100, seed=1)
-true_sd = float(ef.to_inference_data(ef.run(paper, seed=1))["posterior"]["k4"].std())
+long = ef.to_inference_data(ef.run(paper, steps=600, seed=1))
+true_sd = float(long["posterior"]["k4"].std())
 print(unsettled.verdict)
 said, error = unsettled.sd[2], unsettled.sd_error[2]
 print(f"sd of k4: {said:.0f} +- {error:.0f} by the weights, {true_sd:.0f} in truth")

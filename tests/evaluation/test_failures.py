@@ -1,6 +1,7 @@
 """Runs of a solver that fails: stopped, rejected, counted, and what is kept."""
 
 import subprocess
+import warnings
 from functools import partial
 
 import numpy as np
@@ -12,6 +13,8 @@ from support.pool_problems import LIMIT, START, Beyond, Immediate, forks, left, 
 from support.runs import Still, failures
 
 import emcee_femu as ef
+from emcee_femu.evaluation.evaluator import Evaluation, Solver
+from emcee_femu.posterior.log_posterior import LOG_POSTERIOR
 
 OPTIONS = {"nwalkers": 12, "steps": 15, "ensembles": 1, "seed": 1, "starts": START}
 REJECT = {"on_failure": "reject", "max_failures": 1.0}
@@ -223,6 +226,22 @@ def test_a_log_posterior_that_no_data_can_make_is_impossible_and_that_is_said_on
     exact = ef.run(cut(-np.inf), steps=20, ensembles=2, seed=1)
     for one, other in zip(found, exact, strict=True):
         assert_array_equal(one.get_chain(), other.get_chain())
+
+
+@pytest.mark.parametrize("function", [False, True])
+def test_a_likelihood_of_data_that_is_zero_is_no_news_but_of_a_function_it_is(function):
+    """Both are impossible there, as beside hardly any noise."""
+    prior = ef.IndependentPrior({"k": stats.uniform(0, 4), "s": stats.halfnorm()})
+    term = ef.FrequencyTerm([1.0], discrepancy="s")
+    also = [lambda p, modes: 0.0 * p["k"]] if function else []
+    model = ef.FunctionModel(lambda p: [p["k"]], n_modes=1)
+    evaluator = Evaluation(Solver(ef.LogPosterior(model, [term, *also], prior), False))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        rows = evaluator.rows(np.array([[2.0, 1e-50], [1.0, 0.1]]))
+    heights = rows[:, LOG_POSTERIOR]
+    assert np.isneginf(heights[0]) and np.isfinite(heights[1])
+    assert len(said) == function
 
 
 def test_few_lines_are_logged_however_many_solves_fail(caplog):
