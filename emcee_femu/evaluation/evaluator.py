@@ -204,7 +204,7 @@ class Evaluation:
     def _reject_impossible(self, stacked: Floats) -> Floats:
         """Return results with a log-posterior of -inf where it is too low to be meant.
 
-        That is said once, unless all terms compare data: such a likelihood is as low as
+        That is said once, unless all terms are Gaussian: their likelihood is as low as
         this where it is zero, such as beside no noise at all. A function may mean more.
         """
         heights = stacked[:, LOG_POSTERIOR]
@@ -212,8 +212,7 @@ class Evaluation:
         if not low.any():
             return stacked
         whole = self.whole or self
-        of_data = all(term.observed for term in self.solver.posterior.terms)
-        if not (whole.warned or of_data):
+        if not (whole.warned or self.solver.posterior.normal):
             whole.warned = True
             warnings.warn(
                 f"posterior: a log-posterior below {IMPOSSIBLE:g}, such as "
