@@ -150,7 +150,7 @@ class Climb:
         if uphill is None:
             self.ended, self.converged = ARRIVED, True
             return
-        damping = find_damping(uphill, curvature, self.radius)
+        damping = find_damping(uphill, curvature, self.radius, *room)
         damped = curvature + damping * np.eye(len(step))
         step, _ = step_within(uphill, damped, *room)
         self.predicted = float(uphill @ step - 0.5 * step @ curvature @ step)
@@ -169,8 +169,8 @@ class Climb:
             self.local = trial
             if gained < MISTRUST:
                 self.radius = MISTRUST * length
-            elif gained > 1 - MISTRUST:
-                self.radius = np.inf
+            elif gained > 1 - MISTRUST and self.damped:
+                self.radius *= 2
         elif local.fresh:
             self.radius = MISTRUST * length
         else:

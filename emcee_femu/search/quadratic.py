@@ -175,17 +175,19 @@ def step_within(
     return step, float(gradient @ step - 0.5 * step @ curvature @ step)
 
 
-def find_damping(gradient: Floats, curvature: Floats, radius: float) -> float:
-    """Return the number to add to the diagonal for a step no longer than the radius."""
-    values, vectors = np.linalg.eigh(curvature)
-    along = vectors.T @ gradient
+def find_damping(
+    gradient: Floats, curvature: Floats, radius: float, low: Floats, high: Floats
+) -> float:
+    """Return what to add to the diagonal for a step in a box, at most a radius long."""
+    identity = np.eye(len(gradient))
 
     def excess(damping: float) -> float:
-        return float(np.linalg.norm(along / (values + damping))) - radius
+        step, _ = step_within(gradient, curvature + damping * identity, low, high)
+        return float(np.linalg.norm(step)) - radius
 
     if excess(0.0) <= 0:
         return 0.0
-    most = float(np.linalg.norm(along)) / radius
-    if excess(most) >= 0:  # by rounding, where eigenvalues are lost beside it
+    most = float(np.linalg.norm(gradient)) / radius
+    if excess(most) >= 0:  # by rounding
         return most
     return float(brentq(excess, 0.0, most, rtol=1e-3))

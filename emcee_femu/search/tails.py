@@ -31,50 +31,29 @@ AGREE = 2.0
 # whose tail is .14 of a variance and .26 to .29 by Laplace: with 1 the draws are .5
 # instead of .6 effective, and runs take 12,200 instead of 11,200 solves.)
 TAIL_WEIGHT = 0.5
-# Rounds of climbs in the tails.
-TAIL_ROUNDS = 2
-# Solves that each round may spend.
-TAIL_SOLVES = 3_000
+# Solves after which no climb in a tail begins.
+TAIL_SOLVES = 6_000
 
 
 def follow_tails(campaign: Campaign) -> None:
-    """Follow the tails in rounds, and add a component for each slab that matters."""
-    c, new = campaign, list[Component]()
-    for number in range(TAIL_ROUNDS + 1):
-        if new:
-            # These draws come from the new components alone.
-            fewest = PER_PARAMETER * c.posterior.ndim * len(new)
-            c.extend(new, TAIL, max(c.sizes.batch // 2, fewest))
-        if number == TAIL_ROUNDS or (number and not new):
-            return
-        most = min(c.ledger.end("judge"), c.evaluator.solves + TAIL_SOLVES)
-        slabs = climb_tails(c.evaluator, c.archive, most)
-        new = [slab._replace(weight=c.heavy * slab.weight) for slab in slabs]
+    """Follow the tails of each parameter, and add components for slabs that matter.
 
-
-def climb_tails(
-    evaluator: Evaluation, archive: Archive, most: float
-) -> list[Component]:
-    """Return components for slabs that hold variance but hardly any draws.
-
-    From a value of a parameter that few draws exceed, one slab after another is
-    climbed outwards, until one no longer matters to the variance. The mass of a slab is
-    its evidence by Laplace's approximation.
-
-    Args:
-        evaluator: Evaluates the posterior.
-        archive: Weighted draws.
-        most: Solves after which no climb begins.
+    From a value that few draws exceed, one slab after another is climbed outwards,
+    until one no longer matters to the variance. The mass of a slab is its evidence by
+    Laplace's approximation. The draws from the new components come before the next
+    parameter, whose tail they may cover.
     """
-    dimensions = archive.x.shape[1]
-    if archive.effective < 2 * dimensions:  # their covariance may be singular
-        return []
-    # One parameter a round: the new components may cover the tails of the others.
+    c, dimensions = campaign, campaign.posterior.ndim
+    most = min(c.ledger.end("judge"), c.evaluator.solves + TAIL_SOLVES)
     for j in range(dimensions):
-        lower, upper = (_follow(evaluator, archive, j, side, most) for side in (0, 1))
-        if lower or upper:
-            return lower + upper
-    return []
+        if c.archive.effective < 2 * dimensions:  # their covariance may be singular
+            return
+        sides = [_follow(c.evaluator, c.archive, j, side, most) for side in (0, 1)]
+        if slabs := sum(sides, []):
+            new = [slab._replace(weight=c.heavy * slab.weight) for slab in slabs]
+            # These draws come from the new components alone.
+            fewest = PER_PARAMETER * dimensions * len(new)
+            c.extend(new, TAIL, max(c.sizes.batch // 2, fewest))
 
 
 def _follow(

@@ -3,26 +3,41 @@
 from types import SimpleNamespace
 
 import pytest
+from support.free_posterior import box, free_posterior
 
-from emcee_femu.search.adapt import _is_enough
+import emcee_femu as ef
+from emcee_femu.search.adapt import PERFECT_CHAIN, _is_enough
+from emcee_femu.search.auto import ROUND
 from emcee_femu.search.settings import SETTINGS
 
 
 @pytest.mark.parametrize(
     ("shares", "bendable", "enough"),
     [
-        ([0.2, 0.95], False, True),  # nothing is left to gain
-        ([0.5, 0.85, 0.85, 0.84], True, True),  # good already
-        ([0.5, 0.6, 0.6, 0.6], True, False),  # the chain would pay for the rest
-        ([0.5, 0.6, 0.6, 0.6], False, False),
+        ([0.95], False, True),  # nothing is left to gain
+        ([0.5, 0.6, 0.6], True, False),  # a perfect proposal would save two rounds
+        ([0.5, 0.6, 0.6, 0.8], True, True),  # it would save one, which costs two
         ([0.2, 0.3, 0.3, 0.3], True, True),  # polynomials will do better
         ([0.2, 0.3, 0.3, 0.3], False, False),  # of which there are none
-        ([0.5, 0.6, 0.7, 0.85], True, False),  # it still gains
+        ([0.2, 0.6, 0.5, 0.3], True, False),  # one round may be poor by chance
+        ([0.2, 0.3, 0.4, 0.45], True, False),  # it still gains
+        ([0.2, 0.0], True, False),  # no draw has a weight
     ],
 )
-def test_a_refinement_that_gains_nothing_ends_only_where_little_is_lost(
+def test_a_refinement_ends_where_the_next_round_costs_more_than_it_saves(
     shares, bendable, enough
 ):
     rounds = [SimpleNamespace(efficiency=share) for share in shares]
-    campaign = SimpleNamespace(bendable=bendable, settings=SETTINGS)
-    assert _is_enough(campaign, rounds) == enough
+    sizes = SimpleNamespace(batch=300)
+    campaign = SimpleNamespace(bendable=bendable, settings=SETTINGS, sizes=sizes)
+    further = 300 * max(2, len(rounds)) // 2
+    assert _is_enough(campaign, rounds, further) == enough
+
+
+def test_a_chain_that_a_proposal_serves_better_has_fewer_solves():
+    """Law: what a perfect proposal takes is what the rule reckons with."""
+    posterior = free_posterior(lambda x: -0.5 * (x**2).sum(axis=1), box(-9, 9, 3))
+    run = ef.run(posterior, seed=1)
+    rounds = (run.solves - run.search.solves) / ROUND
+    served = rounds * run.search.efficiency
+    assert served == pytest.approx(PERFECT_CHAIN, rel=0.5)

@@ -91,6 +91,27 @@ def test_a_climb_in_logarithms_ends_at_the_maximum_of_their_density(case):
         assert_allclose(end.row, row, rtol=1e-9)
 
 
+class Jump(Logs):
+    """A response that jumps where s exceeds 1, as where modes change places."""
+
+    def __call__(self, p):
+        y = np.column_stack([p[name] for name in "stx"])
+        return {"y": y + 50.0 * (y[:, :1] > 1.0)}
+
+    def jacobian(self, p):
+        ones = np.ones_like(p["x"])[:, None]
+        return self(p), {"y": {n: ones * np.eye(3)[i] for i, n in enumerate("stx")}}
+
+
+def test_a_climb_to_a_jump_of_the_response_ends_there_in_few_solves():
+    prior = ef.IndependentPrior(dict.fromkeys("stx", stats.norm(0.0, 20.0)))
+    evaluator = Evaluation(Solver(ef.LogPosterior(Jump(), Term(), prior), False))
+    (end,) = climb(evaluator, np.array([[-7.0, 5.0, 3.0]]))
+    assert end.converged
+    assert 1.0 - 1e-3 < end.theta[0] <= 1.0
+    assert evaluator.solves < 40
+
+
 def test_a_narrow_maximum_on_the_side_of_a_wide_one_is_another():
     """It is half a standard deviation of the wide one away, and as high."""
 

@@ -93,7 +93,22 @@ def test_a_maximum_at_one_bound_and_inside_others():
 def test_a_direction_without_curvature_is_damped_to_the_radius():
     """Its eigenvalue is lost beside the damping."""
     gradient, curvature = np.array([0.3, 4.0]), np.diag([1e-30, 1e-17])
+    free = np.full(2, -np.inf), np.full(2, np.inf)
     for radius in (1e-3, 1.0, 1e3):
-        damping = quadratic.find_damping(gradient, curvature, radius)
+        damping = quadratic.find_damping(gradient, curvature, radius, *free)
         step = gradient / (np.diag(curvature) + damping)
         assert np.isclose(np.linalg.norm(step), radius, rtol=1e-2)
+
+
+def test_a_step_along_a_bound_is_no_longer_than_the_radius():
+    """Without the bound it would be short, and with it long: they are correlated."""
+    curvature = np.array([[100.0, 9.9], [9.9, 1.0]])
+    shortest, radius = np.array([-0.1, 0.0]), 0.2
+    gradient = curvature @ shortest
+    low, high = np.array([0.0, -9.0]), np.full(2, 9.0)
+    free, _ = quadratic.step_within(gradient, curvature, low, high)
+    damping = quadratic.find_damping(gradient, curvature, radius, low, high)
+    damped = curvature + damping * np.eye(2)
+    step, _ = quadratic.step_within(gradient, damped, low, high)
+    assert np.linalg.norm(free) > radius
+    assert np.linalg.norm(step) == pytest.approx(radius, rel=1e-2)

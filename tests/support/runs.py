@@ -60,6 +60,5 @@ def leave_out(monkeypatch, *stages):
 def shorten_search(monkeypatch):
     """Let "auto" take less care: starts that a valid sampler may well have."""
     monkeypatch.setattr("emcee_femu.search.auto.ROUND", 200)
-    monkeypatch.setattr("emcee_femu.search.tails.TAIL_ROUNDS", 1)
     settings = replace(SETTINGS, fruitless=2, searched_share=0.08)
     monkeypatch.setattr("emcee_femu.search.auto.SETTINGS", settings)
