@@ -19,12 +19,15 @@ from .proposal import CARRIER, Component, Proposal, add_components
 
 # Most rounds of a refinement.
 REFINING_ROUNDS = 12
-# What a chain takes with a perfect proposal, in rounds of the fewest draws: 1,200 solves
-# of a run that ends by its verdict. (With 6 the frame of default_runs.py takes 9,100
-# solves instead of 8,500, with 3 the two springs 4,100 instead of 3,900.)
+# What a chain takes with a perfect proposal, in rounds of the fewest draws: 1,200
+# solves of a run that ends by its verdict.
 PERFECT_CHAIN = 4.0
-# Two rounds that do not raise the effective share by this factor bring no gain.
+# A round that does not raise the effective share by this factor brings no gain.
 GAIN_OF_ROUND = 1.05
+# Part of what a perfect proposal would save that is expected after such a round. (If
+# all is, the frame of default_runs.py takes 9,100 solves instead of 8,300; if no more
+# than half is while rounds still gain, some bent ridges take three times as many.)
+WITHOUT_GAIN = 0.5
 # A fit of its own draws is kept if their effective share is above this.
 HIGH_SHARE = 0.8
 # Weight of a new component.
@@ -115,16 +118,20 @@ def _is_enough(
 ) -> bool:
     """Return whether the refinement should end before a round of so many more draws.
 
-    With effective share e a chain takes 1 / e times what it takes with a perfect
-    proposal. The refinement ends if that would save less than the round costs; or if
-    two rounds brought no gain to a proposal so poor that polynomials will do better.
+    A walker waits 2 / e - 1 steps on average, if e is the effective share. The
+    refinement ends if a round costs more than a perfect proposal would save, or than a
+    part of that if the last one brought no gain. It also ends if two brought none to a
+    proposal so poor that polynomials will do better.
     """
     c, shares = campaign, [judged.efficiency for judged in rounds]
     last, earlier = shares[-1], shares[:-2]  # the first may be good by chance
-    if PERFECT_CHAIN * c.sizes.batch * (1 - last) < last * further:
+    gained = last > GAIN_OF_ROUND * max(shares[:-1], default=0.0)
+    expected = 1.0 if gained else WITHOUT_GAIN
+    saved = PERFECT_CHAIN * c.sizes.batch * 2 * (1 - last)  # by 1 / e
+    if expected * saved < last * further:
         return True
     settled = len(earlier) > 1 and max(shares[-2:]) < GAIN_OF_ROUND * max(earlier)
-    return settled and c.bendable and max(shares) < c.settings.bent
+    return settled and c.bendable and last < c.settings.bent
 
 
 def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]:

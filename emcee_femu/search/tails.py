@@ -27,9 +27,9 @@ WELL_SEEN = 4.5
 # If Laplace's approximation finds at most so many times their share, as many times
 # fewer standard errors are enough: 5 draws.
 AGREE = 2.0
-# Weight of the components relative to Laplace's share of the variance. (Mass-spring,
-# whose tail is .14 of a variance and .26 to .29 by Laplace: with 1 the draws are .5
-# instead of .6 effective, and runs take 12,200 instead of 11,200 solves.)
+# Weight of the components relative to Laplace's share of the variance. (Of mass-spring,
+# whose tail is .14 of a variance and .26 to .29 by Laplace, with 1 the draws are less
+# effective.)
 TAIL_WEIGHT = 0.5
 # Solves after which no climb in a tail begins.
 TAIL_SOLVES = 6_000

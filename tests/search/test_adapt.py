@@ -15,11 +15,11 @@ from emcee_femu.search.settings import SETTINGS
     ("shares", "bendable", "enough"),
     [
         ([0.95], False, True),  # nothing is left to gain
-        ([0.5, 0.6, 0.6], True, False),  # a perfect proposal would save two rounds
-        ([0.5, 0.6, 0.6, 0.8], True, True),  # it would save one, which costs two
+        ([0.5, 0.6, 0.6], True, False),  # a perfect proposal would save much
+        ([0.5, 0.6, 0.75, 0.75], True, True),  # it would save less than is spent
+        ([0.2, 0.3, 0.5, 0.75], True, False),  # but not while rounds bring gains
         ([0.2, 0.3, 0.3, 0.3], True, True),  # polynomials will do better
         ([0.2, 0.3, 0.3, 0.3], False, False),  # of which there are none
-        ([0.2, 0.6, 0.5, 0.3], True, False),  # one round may be poor by chance
         ([0.2, 0.3, 0.4, 0.45], True, False),  # it still gains
         ([0.2, 0.0], True, False),  # no draw has a weight
     ],
