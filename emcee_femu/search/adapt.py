@@ -25,10 +25,12 @@ PERFECT_CHAIN = 4.0
 # A round that does not raise the effective share by this factor brings no gain.
 GAIN_OF_ROUND = 1.05
 # Part of what a perfect proposal would save that is expected after such a round. (If
-# all is, the frame of default_runs.py takes 9,100 solves instead of 8,300; if no more
-# than half is while rounds still gain, some bent ridges take three times as many.)
+# all is, the frame of default_runs.py takes 9,200 solves instead of 8,300, but by seeds
+# 7001 to 7008 8,500 instead of 8,400. If no more than half is while rounds still gain,
+# two bent ridges of twelve take 2.5 and 4 times as many.)
 WITHOUT_GAIN = 0.5
-# A fit of its own draws is kept if their effective share is above this.
+# If its effective share is above this, a mixture whose components are kept needs no fit
+# that stresses the largest weights.
 HIGH_SHARE = 0.8
 # Weight of a new component.
 NEW_WEIGHT = 0.2
@@ -118,17 +120,16 @@ def _is_enough(
 ) -> bool:
     """Return whether the refinement should end before a round of so many more draws.
 
-    A walker waits 2 / e - 1 steps on average, if e is the effective share. The
-    refinement ends if a round costs more than a perfect proposal would save, or than a
-    part of that if the last one brought no gain. It also ends if two brought none to a
-    proposal so poor that polynomials will do better.
+    A walker waits about 2 / e - 1 steps on average, if e is the effective share: a
+    perfect proposal saves 2 / e - 2 chains of its own. The refinement ends if a round
+    costs more than that, or than a part of it if the last one brought no gain. It also
+    ends if two brought none to a proposal so poor that polynomials will do better.
     """
     c, shares = campaign, [judged.efficiency for judged in rounds]
     last, earlier = shares[-1], shares[:-2]  # the first may be good by chance
     gained = last > GAIN_OF_ROUND * max(shares[:-1], default=0.0)
-    expected = 1.0 if gained else WITHOUT_GAIN
-    saved = PERFECT_CHAIN * c.sizes.batch * 2 * (1 - last)  # by 1 / e
-    if expected * saved < last * further:
+    chain = PERFECT_CHAIN * c.sizes.batch * (1.0 if gained else WITHOUT_GAIN)
+    if chain * (2 - 2 * last) < further * last:  # both times e, which may be zero
         return True
     settled = len(earlier) > 1 and max(shares[-2:]) < GAIN_OF_ROUND * max(earlier)
     return settled and c.bendable and last < c.settings.bent

@@ -35,7 +35,7 @@ NOISE_OF_TOP = 0.1
 # Most steps of a climb.
 MOST_STEPS = 100
 # If a step gains less than this share of what the quadratic predicts, the radius
-# becomes this share of the step; if it lacks less, the radius is no limit any more.
+# becomes this share of the step; if it lacks less, a radius that shortened it doubles.
 # (Nocedal and Wright, 2006, algorithm 4.1, where all three numbers are a quarter.)
 MISTRUST = 0.25
 # Least width of a posterior relative to that of the prior: the curvature of a narrower
@@ -170,7 +170,7 @@ class Climb:
             if gained < MISTRUST:
                 self.radius = MISTRUST * length
             elif gained > 1 - MISTRUST and self.damped:
-                self.radius *= 2
+                self.radius *= 2  # without a limit, each step would shrink it anew
         elif local.fresh:
             self.radius = MISTRUST * length
         else:

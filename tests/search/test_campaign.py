@@ -13,7 +13,7 @@ from emcee_femu.search import auto, tails
 from emcee_femu.search.adapt import adapt, carry, judge
 from emcee_femu.search.climbing import climb
 from emcee_femu.search.explore import _Exploration, explore
-from emcee_femu.search.proposal import CARRIER, TAIL, Proposal
+from emcee_femu.search.proposal import CARRIER, TAIL, Component, Proposal
 from emcee_femu.search.tails import follow_tails
 
 FAR, LIGHT = 25.0, 0.002
@@ -112,6 +112,25 @@ def test_tails_are_followed_to_both_sides_and_only_where_they_are():
     tails = c.proposal.core.means[c.proposal.kinds == TAIL]
     assert tails[:, 0].min() < -8 and tails[:, 0].max() > 8
     assert np.median(np.abs(tails[:, 1])) < 0.1 and np.abs(tails[:, 1]).max() < 2.0
+
+
+def test_the_tails_of_each_parameter_are_followed(monkeypatch):
+    """Also after those of others had components."""
+    c = by_hand(free_posterior(lambda x: -0.5 * (x**2).sum(axis=1), box(-9, 9, 4)))
+    c.proposal = about(np.zeros(4), 4)
+    c.archive.add(*c.draw(c.proposal.law, 500), c.proposal.law)
+    followed = []
+
+    def follow(evaluator, archive, j, side, most):
+        followed.append((j, side, len(archive.x)))
+        return [Component(0.1, 3.0 * np.eye(4)[j], np.eye(4))] if side else []
+
+    monkeypatch.setattr(tails, "_follow", follow)
+    follow_tails(c)
+    parameters, sides, drawn = zip(*followed, strict=True)
+    assert parameters == (0, 0, 1, 1, 2, 2, 3, 3) and sides == 4 * (0, 1)
+    assert (np.diff(drawn[::2]) > 0).all()  # draws of the new components come before
+    assert (c.proposal.kinds == TAIL).sum() == 4
 
 
 def test_what_is_in_a_slab_lies_on_the_way_to_it():
