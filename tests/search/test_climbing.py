@@ -91,6 +91,21 @@ def test_a_climb_in_logarithms_ends_at_the_maximum_of_their_density(case):
         assert_allclose(end.row, row, rtol=1e-9)
 
 
+def test_a_radius_that_was_too_short_grows_by_twice_a_step():
+    evaluator = Evaluation(Solver(CASES["jacobian"], False))
+    space = Space(evaluator, None, Coordinates.positive(PRIOR), None)
+    (local,) = space.look(np.array([[16.0, 0.2, -1.0]]) / space.scale)
+    ascent = Climb(local, radius=0.01)
+    steps = 0
+    while not ascent.ended:
+        ascent.choose(space.box)
+        if ascent.target is not None:
+            ascent.take(*space.look(ascent.target[None], [ascent.local]))
+            steps += 1
+    assert ascent.converged
+    assert steps < 15  # 300 of the first length
+
+
 class Jump(Logs):
     """A response that jumps where s exceeds 1, as where modes change places."""
 
