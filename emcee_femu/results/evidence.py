@@ -16,6 +16,7 @@ from ..verdict.verdict import judge_chains
 from .arviz_objects import judgement_of
 from .chains import read_chains
 
+TAU_WINDOW = 5  # tau up to which emcee sums covariances
 EVIDENCE_TAU = 20  # least length in tau at which tau and its error can be believed
 ENOUGH_OVERLAP = 0.1
 SCATTER_LEVEL = 0.01  # chance that right ensembles scatter more than is allowed
@@ -248,7 +249,10 @@ def standard_error(series: Floats) -> tuple[float, tuple[str, ...]]:
     variances = series.var(axis=0)
     moved = (variances > 0)[:, None]
     tau = np.fmax(tau_by_ensemble(series[..., None, None], moved)[:, 0], 1.0)
-    error = np.sqrt((variances * tau).sum() / steps) / ensembles
+    # Each covariance that tau sums lacks the scatter of the mean itself: Wolff (2004),
+    # doi:10.1016/S0010-4655(03)00467-3, equation 49, with the window of emcee's tau.
+    unseen = 1 + (2 * TAU_WINDOW * tau + 1) / steps
+    error = np.sqrt((variances * tau * unseen).sum() / steps) / ensembles
     if ensembles > 1:
         between = series.mean(axis=0).std(ddof=1) / np.sqrt(ensembles)
         most = stats.chi2.isf(SCATTER_LEVEL, ensembles - 1) / (ensembles - 1)

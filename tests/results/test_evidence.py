@@ -4,11 +4,12 @@ import emcee
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy import stats
+from scipy import signal, stats
 from support.chains import as_arviz, backend, stored_and_read
 from support.tempered_laws import BoundedLaw, GaussianLaw
 
 import emcee_femu as ef
+from emcee_femu.results.evidence import standard_error
 
 LAWS = {"gaussian": GaussianLaw(), "bounded": BoundedLaw()}
 
@@ -84,6 +85,17 @@ def test_the_error_is_the_spread_also_of_few_ensembles():
     claimed = np.sqrt(np.mean([one.log_evidence_error**2 for one in found]))
     spread = np.std([one.log_evidence for one in found], ddof=1)
     assert 0.82 < claimed / spread < 1.24
+
+
+def test_the_error_of_a_short_chain_has_what_its_own_mean_hides():
+    """Forty autocorrelation times of an autoregression, whose tau is 19 steps."""
+    noise = np.random.default_rng(5).normal(size=(1_100, 1_000))
+    series = signal.lfilter([1.0], [1.0, -0.9], noise, axis=0)[300:]
+    found = [standard_error(one[:, None]) for one in series.T]
+    claimed = np.array([error for error, problems in found if not problems])
+    assert len(claimed) > 950
+    spread = series.mean(axis=0).std()
+    assert np.sqrt(np.mean(claimed**2)) == pytest.approx(spread, rel=0.05)
 
 
 def test_ensembles_that_disagree_widen_the_error():
