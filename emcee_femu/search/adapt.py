@@ -124,15 +124,21 @@ def _is_enough(
     perfect proposal saves 2 / e - 2 chains of its own. The refinement ends if a round
     costs more than that, or than a part of it if the last one brought no gain. It also
     ends if two brought none to a proposal so poor that polynomials will do better.
+
+    A chain whose steps= are given is a perfect one of e / (2 - e) as many. If it is
+    longer than those that end by their verdict, only two rounds without gain end a
+    refinement that is worth its price.
     """
     c, shares = campaign, [judged.efficiency for judged in rounds]
     last, earlier = shares[-1], shares[:-2]  # the first may be good by chance
     gained = last > GAIN_OF_ROUND * max(shares[:-1], default=0.0)
-    chain = PERFECT_CHAIN * c.sizes.batch * (1.0 if gained else WITHOUT_GAIN)
-    if chain * (2 - 2 * last) < further * last:  # both times e, which may be zero
-        return True
     settled = len(earlier) > 1 and max(shares[-2:]) < GAIN_OF_ROUND * max(earlier)
-    return settled and c.bendable and last < c.settings.bent
+    if c.sizes.chain > c.settings.sized_for:
+        chain = c.sizes.chain * last / (2 - last)
+    else:
+        chain = PERFECT_CHAIN * c.sizes.batch * (1.0 if gained else WITHOUT_GAIN)
+        settled = settled and c.bendable and last < c.settings.bent
+    return settled or chain * (2 - 2 * last) < further * last  # times e: it may be zero
 
 
 def _carriers(archive: Archive, law: Mixture) -> Iterator[tuple[Floats, Floats]]:

@@ -129,7 +129,7 @@ def _plan(
     points = min(round(settings.searched_share * sized), most)
     if not (posterior.differentiable or any(term.observed for term in posterior.terms)):
         points = max(points, min(most, evaluations, ledger.end()))
-    return ledger, Sizes(points, batch, refined, judged)
+    return ledger, Sizes(points, batch, refined, judged, evaluations)
 
 
 def bend(campaign: Campaign) -> None:

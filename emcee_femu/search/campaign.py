@@ -37,12 +37,15 @@ class Sizes:
         batch: Fewest draws of a round of the refinement.
         refined: Solves after which no round of a refinement begins.
         judged: Number of draws by which a proposal is judged.
+        chain: Evaluations that the chain will take; if they are not known, those for
+            which a search is sized.
     """
 
     points: int
     batch: int
     refined: int
     judged: int
+    chain: int
 
 
 @dataclass(eq=False)

@@ -29,10 +29,26 @@ def test_a_refinement_ends_where_the_next_round_costs_more_than_it_saves(
     shares, bendable, enough
 ):
     rounds = [SimpleNamespace(efficiency=share) for share in shares]
-    sizes = SimpleNamespace(batch=300)
+    sizes = SimpleNamespace(batch=300, chain=10_000)
     campaign = SimpleNamespace(bendable=bendable, settings=SETTINGS, sizes=sizes)
     further = 300 * max(2, len(rounds)) // 2
     assert _is_enough(campaign, rounds, further) == enough
+
+
+@pytest.mark.parametrize(
+    ("shares", "steps", "enough"),
+    [
+        ([0.5, 0.6, 0.75, 0.75], 100_000, False),  # a long chain would pay for it
+        ([0.5, 0.6, 0.75, 0.75], 10_000, True),  # a short one would not
+        ([0.5, 0.75, 0.75, 0.75], 100_000, True),  # two rounds without gain
+        ([0.95, 0.999], 100_000, True),  # nothing is left to gain
+    ],
+)
+def test_a_refinement_for_a_long_chain_goes_on_while_it_gains(shares, steps, enough):
+    rounds = [SimpleNamespace(efficiency=share) for share in shares]
+    sizes = SimpleNamespace(batch=300, chain=steps)
+    campaign = SimpleNamespace(bendable=True, settings=SETTINGS, sizes=sizes)
+    assert _is_enough(campaign, rounds, 300 * len(rounds) // 2) == enough
 
 
 def test_a_chain_takes_what_the_rule_reckons_with():

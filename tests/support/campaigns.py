@@ -13,5 +13,5 @@ def by_hand(posterior, seed=1, ensembles=1, total=30_000, kept=KEPT):
     """Return a campaign before its first stage."""
     evaluator = Evaluation(Solver(posterior, False))
     streams = [np.random.default_rng([seed, i]) for i in range(ensembles)]
-    sizes = Sizes(points=1_000, batch=300, refined=1_500, judged=2_000)
+    sizes = Sizes(points=1_000, batch=300, refined=1_500, judged=2_000, chain=10_000)
     return Campaign(evaluator, streams, Ledger(evaluator, total, kept), sizes)
