@@ -174,7 +174,7 @@ def propose(dof: object, dofs: Sequence[Hashable]) -> str:
     if not direction and there:
         return f"; DOFs have labels, such as {there[0]!r}"
     if near and near[0] == str(dof).lower() or not there:
-        guess = f"; did you mean {labels[near[0]]!r}?" if near else ""
+        guess = f"; did you mean {labels[near[0]]!r}?" if near else "."
         return f"{guess} Nodes with DOFs are {_range_of(nodes)}"
     return (
         f"; node {node} has {' '.join(there)}; in place of {dof!r}, give a sensor in "
