@@ -2,7 +2,7 @@
 
 The options of a benchmark are the arguments of its ``main``:
 ``python examples/benchmarks/evidence.py --help`` lists them. What it prints begins with
-its command, the version and the day. Pages include such output from ``measured/``:
+its command, the version, the commit and the day. Pages include it from ``measured/``:
 
     python examples/benchmarks/evidence.py > examples/benchmarks/measured/evidence.txt
 """
@@ -10,6 +10,7 @@ its command, the version and the day. Pages include such output from ``measured/
 import argparse
 import inspect
 import shlex
+import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -47,8 +48,17 @@ def command(main: Callable[..., object]) -> None:
     given = vars(parser.parse_args())
     script = f"examples/benchmarks/{Path(sys.argv[0]).name}"
     print("$ OMP_NUM_THREADS=1 python", shlex.join([script, *sys.argv[1:]]))
-    print(f"emcee_femu {version('emcee-femu')}, {date.today()}\n", flush=True)
+    made_by = f"emcee_femu {version('emcee-femu')}{of_commit()}"
+    print(f"{made_by}, {date.today()}\n", flush=True)
     main(**given)
+
+
+def of_commit() -> str:
+    """Name the commit of this checkout, or nothing outside of one."""
+    ask = ["git", "describe", "--always", "--dirty", "--exclude=*"]
+    here = Path(__file__).parent
+    answer = subprocess.run(ask, cwd=here, capture_output=True, text=True)
+    return f" ({answer.stdout.strip()})" if answer.returncode == 0 else ""
 
 
 def tabulate(title: str, formats: Mapping[str, str], rows: Iterable[Any]) -> Table:
