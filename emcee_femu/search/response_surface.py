@@ -98,7 +98,8 @@ class ResponseSurface:
         values = self.prior.logpdf(theta)
         inside = np.isfinite(values)
         x = _coordinates(self.prior, self.logs).coordinates(theta[inside])
-        with np.errstate(over="ignore", invalid="ignore"):  # far from all solves
+        # Far from all solves polynomials run away, to errors of zero too.
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             terms = monomials((x - self.centre) / self.scale, self.degree)
             *pairs, rest = self.coefficients @ terms
             r, log_sd = np.split(np.array(pairs), 2)

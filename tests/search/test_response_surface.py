@@ -7,7 +7,12 @@ from scipy import stats
 import emcee_femu as ef
 from emcee_femu.evaluation.resume import open_evaluator
 from emcee_femu.moves.mixture import Mixture
-from emcee_femu.search.response_surface import degree_of, fit_surface, learn_surface
+from emcee_femu.search.response_surface import (
+    ResponseSurface,
+    degree_of,
+    fit_surface,
+    learn_surface,
+)
 
 
 class Powers:
@@ -40,6 +45,16 @@ def test_a_response_that_is_a_polynomial_is_found_exactly(inferred):
     exact = posterior(others)[:, 0]
     np.testing.assert_allclose(surface(others), exact, rtol=1e-6, atol=1e-5)
     assert surface(-others).max() == -np.inf
+
+
+def test_errors_that_vanish_far_from_all_solves_are_impossible_there():
+    """Polynomials of their logarithms fall without bound."""
+    prior = ef.IndependentPrior({"a": stats.norm()})
+    place = np.zeros(1, bool), np.zeros(1), np.ones(1)
+    deviation, log_sd, rest = [0.0, 1.0], [0.0, -1e3], [0.0, 0.0]
+    rows = np.array([deviation, log_sd, rest])
+    surface = ResponseSurface(prior, *place, rows, 1, 0.0)
+    assert surface(np.array([[0.0], [1.0]])).tolist() == [-np.log(2 * np.pi), -np.inf]
 
 
 @pytest.mark.slow
