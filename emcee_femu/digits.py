@@ -36,6 +36,26 @@ def show(values: ArrayLike, sd: ArrayLike) -> list[str]:
     return [_show(*pair) for pair in zip(*(x.tolist() for x in both), strict=True)]
 
 
+def show_given(values: ArrayLike, sd: ArrayLike) -> list[str]:
+    """Return given numbers, such as measured ones, with all their digits.
+
+    Those of more than five digits, as computed numbers have, and those that take a
+    power of ten are shown as by :func:`show`.
+
+    Args:
+        values: Numbers ``(m,)``.
+        sd: Their standard deviations, ``(m,)`` or one for all.
+
+    Examples:
+        >>> show_given([69.72, 54225.1, 2.4e10], [5.0, 2624.0, 1e9])
+        ['69.72', '54200', '2.40e+10']
+    """
+    shortest = [UNCERTAIN.format(value) for value in np.asarray(values, float).tolist()]
+    exact = np.asarray(values, float) == np.array(shortest, float)
+    pairs = zip(exact, shortest, show(values, sd), strict=True)
+    return [a if given and "e" not in a else shown for given, a, shown in pairs]
+
+
 def _show(value: float, sd: float) -> str:
     if not np.isfinite(value):
         return "" if np.isnan(value) else f"{value:g}"

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..contracts import Floats
-from ..digits import show
+from ..digits import show, show_given
 from ..posterior.log_posterior import LogPosterior
 from ..table import Column, Table, number_columns
 from .arviz_objects import (
@@ -208,10 +208,10 @@ def frequency_table(
     m, updated = len(measured), frequency.updated
     sd, its_sd = draws.std(axis=0, ddof=1), frequency.sd(posterior)
     percent = 100 * sd / updated
+    given = show_given(measured, np.where(np.isfinite(its_sd), its_sd, sd))
 
     def hertz(title: str, values: Floats, to: Floats = sd) -> Column:
-        padded = np.append(values, np.nan)
-        return title, show(padded, np.append(to, np.nan)), padded
+        return title, [*show(values, to), ""], np.append(values, np.nan)
 
     def error(title: str, values: Floats) -> Column:
         errors = _percent_off(values, measured)
@@ -220,7 +220,7 @@ def frequency_table(
 
     columns: list[Column] = [
         (frequency.dims, "", [*frequency.labels, "TAE"]),
-        hertz("measured Hz", measured, np.where(np.isfinite(its_sd), its_sd, sd)),
+        ("measured Hz", [*given, ""], np.append(measured, np.nan)),
         hertz("prior mean Hz", frequency.initial),
         error("error %", frequency.initial),
         hertz("updated Hz", updated),
@@ -311,7 +311,7 @@ def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Ta
     to = np.where(np.isfinite(sd), sd, about)
     columns: list[Column] = [
         (title, "", labels),
-        (f"measured{unit}", show(measured, to), measured),
+        (f"measured{unit}", show_given(measured, to), measured),
         (f"updated{unit}", show(updated, about), updated),
         ("2.5 %", show(low, about), low),
         ("97.5 %", show(high, about), high),

@@ -3,7 +3,8 @@
 #
 # Two measured frequencies (simulated here) update two stiffnesses, in 15 lines. The
 # model is a function from parameters to natural frequencies; it may call any solver.
-# `python examples/start/first_posterior.py` runs this page.
+# `python examples/start/first_posterior.py` runs this page, and leaves
+# `first_posterior.png`.
 
 # %%
 import numpy as np
@@ -29,7 +30,7 @@ idata = ef.to_inference_data(run)
 # deviation that is left.
 
 # %%
-ef.parameter_table(idata)
+print(ef.parameter_table(idata))
 
 # %% [markdown]
 # Can the result be trusted? The last three lines say whether the chains converged, how
@@ -37,10 +38,10 @@ ef.parameter_table(idata)
 # lines](reading.md)).
 
 # %%
-ef.diagnose(run)
+print(ef.diagnose(run))
 
 # %% mystnb={"image": {"alt": "Scatter of k1 and k2 with a 95 % ellipse that leans to the left"}}
-ef.figures.plot_scatter(idata)
+ef.figures.plot_scatter(idata).savefig("first_posterior.png")
 
 # %% [markdown]
 # The ellipse is tilted: a stiffer lower storey and a softer upper one fit nearly as well.

@@ -18,7 +18,7 @@ import numpy as np
 
 from ... import checks
 from ...contracts import Floats, Parameters, Reported, read_declared
-from ...digits import show
+from ...digits import show, show_given
 from ...evaluation.resume import installed_version
 from ...likelihoods.shape import ShapeTerm
 from ...posterior.experiments import Experiment
@@ -265,7 +265,7 @@ def _tabulate_measured(part: Measured, posterior: LogPosterior | None) -> Table:
     unit, values, sd = f" {part.unit}".rstrip(), part.values, part.sd(posterior)
     columns: list[Column] = [
         (part.dims or "quantity", "", part.labels if part.dims else [part.name]),
-        (f"measured{unit}", show(values, sd), values),
+        (f"measured{unit}", show_given(values, sd), values),
     ]
     if np.isfinite(sd).any():
         columns.append((f"standard deviation{unit}", show(sd, sd), sd))
