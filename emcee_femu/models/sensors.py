@@ -23,6 +23,7 @@ Dofs: TypeAlias = (
     Sequence[Hashable] | Mapping[Hashable, Hashable | Sensor] | NDArray[np.intp]
 )
 SIMILAR = 0.6  # of two labels, by difflib, above which one is proposed for the other
+MOST_LISTED = 8  # labels that a message names
 FORM = "{'tip': {'2:ux': 0.87, '2:uy': 0.5}}"
 EXAMPLE = (0.87, 0.5)  # cosines of 30 and 60 degrees
 
@@ -206,12 +207,15 @@ def match_rows(
         if labels is not None:  # refuses another number of rows
             at_sensors(np.empty((len(labels), 0)), None, measurements.n_sensors)
         return None
-    sensors = measurements.dofs.tolist()
-    found, missing = match_sensors(sensors, labels)
+    found, missing = match_sensors(measurements.dofs.tolist(), labels)
     if missing:
         known = [dof for dof in missing if dof in (dofs or ())]
         if known or not dofs:
-            cure = f", only at {[*labels][:8]}; ask it for shapes={sensors}"
+            more = len(labels) - MOST_LISTED
+            there = f"{[*labels[:MOST_LISTED]]}{f' and {more} more' * (more > 0)}"
+            cure = f", only at {there}; name the sensors so, or ask it for those"
+            if isinstance(dofs, range):
+                cure += f" (numbers count its {len(dofs)} DOFs from 0)"
         else:
             cure = propose(missing[0], dofs)
         raise ValueError(

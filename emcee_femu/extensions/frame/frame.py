@@ -169,7 +169,7 @@ class FrameModel(AffineModel):
         _add_bars(K, M, points, bars, sections, place)
         place.refuse_ambiguous(sections, free)
         _add_masses(M, len(points), masses, place)
-        _add_springs(K, points, springs, place)
+        _add_springs(K, points, springs, place, free)
         rows = [piece[0] for part in (K, M) for each in part.values() for piece in each]
         joined = {*(np.concatenate(rows) // 6).tolist()}
         if alone := sorted({*range(len(points))} - joined):
@@ -322,9 +322,9 @@ def _add_masses(M: Pieces, n_nodes: int, masses: Sequence[Mass], place: Place) -
 
 
 def _add_springs(
-    K: Pieces, points: Floats, springs: Sequence[Spring], place: Place
+    K: Pieces, points: Floats, springs: Sequence[Spring], place: Place, free: Indices
 ) -> None:
-    """Add the springs, checked."""
+    """Add the springs, checked; ``free`` are the DOFs that no support holds."""
     form = "(node, node or None, {direction: stiffness})"
     for s, given in enumerate(checks.sequence("springs", springs, form)):
         label = f"springs[{s}]"
@@ -336,8 +336,15 @@ def _add_springs(
         apart = [rigid_arm(points[first] - points[node]) for node in ends]
         T = np.hstack([apart[0], *(-arm for arm in apart[1:])])
         for direction, stiffness in _read_spring(label, by_direction, place).items():
-            axis = np.diag(np.eye(6)[DOFS.index(direction)])
-            _add(K, [read_property(label, stiffness)], _dofs(*ends), T, axis)
+            number, dofs = DOFS.index(direction), _dofs(*ends)
+            if not np.isin(dofs[T[number] != 0], free).any():
+                raise ValueError(
+                    f"{label}: it does nothing, since supports hold {direction} at its "
+                    f"ends {ends}; hold less there, such as 'pinned' in place of "
+                    "'fixed', or leave it out"
+                )
+            axis = np.diag(np.eye(6)[number])
+            _add(K, [read_property(label, stiffness)], dofs, T, axis)
 
 
 def _read_spring(

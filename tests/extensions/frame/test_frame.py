@@ -303,6 +303,7 @@ def test_parts_that_do_not_fit_are_refused_by_their_numbers():
         ({"masses": [(2, 1.0, None, (1.0, 1.0))]}, r"masses\[0\]"),
         ({"springs": [(1, 2, {"ux": 1.0}), (1, 7, {"ux": 1.0})]}, r"springs\[1\].*7"),
         ({"springs": [(1, 2, {"u": 1.0})]}, r"springs\[0\].*'u'"),
+        ({"springs": [(1, 0, {"ry": 1.0}), (0, None, {"ry": 1.0})]}, r"springs\[1\]"),
     ):
         with pytest.raises((TypeError, ValueError), match=match):
             frame(**parts)
