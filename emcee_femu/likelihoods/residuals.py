@@ -18,6 +18,7 @@ FITS, MISFIT, NOT_JUDGED = "fits", "does not fit", "not judged"
 RESEMBLES_NONE = "resembles none"  # a measured mode, of all the model's modes
 SKIPPED = "not measured"  # a mode of the model, between two that were measured
 SUSPECT = "suspect"  # a sensor which, put right, explains the measured shapes
+NONE_SUSPECT = "none suspect"  # of the sensors: none explains them, put right
 TERM, EXPERIMENT, MODE, SENSOR = "term", "experiment", "mode", "sensor"
 
 
@@ -64,8 +65,9 @@ class FitRecord:
     Attributes:
         status: "fits", "does not fit", "not judged", "resembles none" (a measured mode
             that resembles no mode of the model), "not measured" (a mode of the model
-            between two that were measured), or "suspect" (sensors which, put right,
-            explain the measured shapes: see :func:`.check_test`).
+            between two that were measured), "suspect" (sensors which, put right,
+            explain the measured shapes: see :func:`.check_test`), or "none suspect" (of
+            all sensors of an experiment).
         experiment: Name of the experiment; empty for a single one.
         term: Name of the term; empty for all terms of an experiment.
         kind: What is judged: "term", "experiment", or a group of a term's data:
@@ -90,7 +92,8 @@ class FitRecord:
         error: Name of the parameter that is its inferred error; empty without.
         variable: Name of the measured variable; empty where the term names none.
         paired: Whether the modes were paired by shape.
-        reason: Why nothing was judged, or what a sensor is suspected of.
+        reason: Why nothing was judged, what a sensor is suspected of, or what a mode is
+            like in place of its own.
     """
 
     status: str

@@ -8,8 +8,11 @@ from ..contracts import Floats
 from .log_posterior import LogPosterior
 from .priors import summarize_prior
 
-FAR_RATIO = 3.0  # median ratio to what was measured, or its inverse, which is suspected
-LIKE_TURN = 1.25  # ratio to 2 pi up to which it is taken for one
+# Median ratio to what was measured, or its inverse, to be suspected at the prior mean.
+# (Weight given as mass is 3.13 in frequencies, less what the prior mean is off.)
+FAR_RATIO = 2.5
+NEAR_RATIO = 1.25  # up to which a draw of the prior is near, or a ratio is a slip
+SLIPS = {2 * np.pi: "was rad/s given for Hz?", 9.81**0.5: "was weight given as mass?"}
 LARGE_ERROR = 0.3  # prior mean of a relative error: most are meant to be a few percent
 NARROW_PRIOR = 9e-5  # sd by mean of a prior, 1e-4 less the error of both by sampling
 # Relative difference of responses that a solver's rounding may make.
@@ -120,8 +123,9 @@ def doubt_units(predicted: Floats, measured: Floats, unit: str) -> str:
         unit: That of both.
 
     Returns:
-        Both numbers, of the first value, and the median ratio; an empty text if that
-        is near at any of the points, or any prediction to the other side.
+        Both numbers, of the first value, and the median ratio at the first point; an
+        empty text if that is not far, or near at another point, or if any prediction is
+        to the other side.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = np.log(np.abs(predicted / measured))
@@ -130,13 +134,17 @@ def doubt_units(predicted: Floats, measured: Floats, unit: str) -> str:
     solved = ratios[~np.isnan(ratios).any(axis=1)]
     medians = np.median(solved, axis=1)
     less = medians[0] < 0
-    if np.abs(medians).min() <= np.log(FAR_RATIO) or ((solved < 0) != less).any():
+    far, nearest = np.abs(medians[0]), np.abs(medians).min()
+    if far <= np.log(FAR_RATIO) or nearest <= np.log(NEAR_RATIO):
         return ""
-    times = np.exp(np.abs(medians[0]))
-    turn = 1 / LIKE_TURN < times / (2 * np.pi) < LIKE_TURN and unit == "Hz"
+    if ((solved < 0) != less).any():
+        return ""
+    times, asked = np.exp(far), "do the units agree?"
+    for factor, slip in SLIPS.items():
+        if unit == "Hz" and 1 / NEAR_RATIO < times / factor < NEAR_RATIO:
+            asked = slip
     unit = f" {unit}".rstrip()
     return (
         f"model {predicted[0, 0]:.3g}{unit}, measured {measured[0]:.3g}{unit}: the "
-        f"model is {times:.3g} times too {'low' if less else 'high'}; "
-        + ("was rad/s given for Hz?" if turn else "do the units agree?")
+        f"model is {times:.3g} times too {'low' if less else 'high'}; {asked}"
     )

@@ -40,7 +40,13 @@ from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre
 from ..search.importance import resample
 from ..verdict.statistics import spread_out
-from .fit_modes import find_skipped, find_suspects, judge_modes, judge_pairing
+from .fit_modes import (
+    find_skipped,
+    find_suspects,
+    judge_modes,
+    judge_pairing,
+    judge_places,
+)
 from .measured import INTERVAL
 
 # Samples that are solved again where a term reads what is not stored, as shapes.
@@ -111,6 +117,7 @@ def judge_data(
         found += find_suspects(posterior, theta[rows[:, LOG_POSTERIOR].argmax()], found)
     for part in parts:
         found = judge_modes(part[0], found)
+        found = judge_places(*part, found)
         found += find_skipped(*part, found)
     return tuple(found)
 

@@ -1,4 +1,4 @@
-"""Measured modes that resemble none, modes not measured, and suspect sensors."""
+"""Spurious modes, modes that were not measured, and suspect sensors."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -10,6 +10,7 @@ from ..contracts import Batch, Floats
 from ..likelihoods.residuals import (
     MISFIT,
     MODE,
+    NONE_SUSPECT,
     NOT_JUDGED,
     RESEMBLES_NONE,
     SENSOR,
@@ -25,8 +26,9 @@ from ..posterior.sensors import suspect_sensors
 
 NEARLY_ALL = 0.9  # of the samples
 UNLIKE = 0.5  # a MAC below which two shapes have little in common
+WRONG = 1.5  # times what was measured, or its inverse: more than a model's error
 SKIP_BETTER = 9.0  # times smaller squared errors: a third of the errors
-AND = " and "
+AND, EACH = " and ", "each"
 
 
 def judge_modes(experiment: Experiment, found: Sequence[FitRecord]) -> list[FitRecord]:
@@ -83,6 +85,41 @@ def judge_pairing(
     for i in unlike:
         mac = float(stored["mac"][:, i].mean())
         yield replace(record, label=str(i + 1), mac=mac, mac_expected=paired.min_mac)
+
+
+def judge_places(
+    experiment: Experiment, stored: Batch, before: Batch, found: Sequence[FitRecord]
+) -> list[FitRecord]:
+    """Return the records with a measured mode marked whose frequency no mode has.
+
+    Its shape pairs it with a mode of quite another frequency, while the others are
+    near their own. A spurious mode may take the partner of a good one, and parameters
+    follow both: of several it is the least like its partner, at the prior mean.
+    """
+    own = [r for r in found if r.experiment == experiment.name]
+    paired = experiment.paired
+    named = any(r.status in (SUSPECT, RESEMBLES_NONE) for r in own)
+    if paired is None or paired.by_reference or named:
+        return [*found]
+    off = [
+        np.abs(ratios - np.median(ratios)) > np.log(WRONG)
+        for frequencies in (before["frequency"][0], stored["frequency"].mean(axis=0))
+        for ratios in (np.log(frequencies / paired.measurements.frequencies),)
+    ]
+    if not all(each.any() for each in off):  # or the updated model explains it
+        return [*found]
+    i = int(np.argmin(np.where(off[0], before["mac"][0], np.inf)))
+    ratio = before["frequency"][0, i] / paired.measurements.frequencies[i]
+    record = FitRecord(
+        status=RESEMBLES_NONE,
+        experiment=experiment.name,
+        term="",
+        kind=MODE,
+        label=str(i + 1),
+        mac_before=float(before["mac"][0, i]),
+        reason=f"is like a mode of {ratio:.3g} times its frequency",
+    )
+    return [*found, record]
 
 
 def find_skipped(
@@ -144,6 +181,9 @@ def find_suspects(
         reason = f"it raised {error!r}"
         yield FitRecord(NOT_JUDGED, "", "sensors", SENSOR, reason=reason)
         return
+    named = {suspect.experiment for suspect in chain.from_iterable(suspects)}
+    for name in sorted(off - named):
+        yield FitRecord(NONE_SUSPECT, name, "", SENSOR, EACH)
     for suspect in chain.from_iterable(suspects):
         if suspect.experiment in off:
             yield FitRecord(

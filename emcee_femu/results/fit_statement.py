@@ -11,6 +11,7 @@ from ..likelihoods.residuals import (
     FITS,
     MISFIT,
     MODE,
+    NONE_SUSPECT,
     NOT_JUDGED,
     RESEMBLES_NONE,
     SENSOR,
@@ -25,7 +26,7 @@ from ..search.record import Chains
 from ..verdict.diagnosis import Statement
 from .arviz_objects import InferenceData
 from .fit import find_farthest
-from .fit_modes import AND
+from .fit_modes import AND, WRONG
 from .identifiability import Identifiability, describe_samples
 from .measured import Measured, read_measured
 
@@ -34,7 +35,6 @@ OUTSIDE_BY_CHANCE = 0.05  # share of new measurements outside their 95 % range
 CHANCE = 0.02  # that so many values are outside, had the posterior not seen them
 OUTVOTED = 5  # times as many values in another term that make it outvote this one
 SMALL_MAXIMUM = 0.01  # weight of a maximum whose modes do not matter
-WRONG = 2.0  # times what was measured, or its inverse: more than a model's error
 MOST_NAMED = 3  # terms that are described at length
 NOT_DRAWN = "no term draws new measurements of what the model stores"
 NO_DATA = "no term says what was measured; a bare log-likelihood cannot"
@@ -47,6 +47,10 @@ LEAVE_OUT = "Leave it out, and ask whether it is a harmonic of a machine, or noi
 CHECK_SENSORS = (
     "turned round, exchanged with another, or of another gain or unit? check_test("
     "posterior) tries each. It does not try other places or directions."
+)
+SENSORS_CHECKED = (
+    "at another place, or along another direction, than the test says? That none is "
+    "turned round, exchanged or of another gain was checked."
 )
 PAIR = "Pair the modes by shape: PairedModel(model, ...)."
 OLD = (
@@ -93,7 +97,7 @@ def judge_fit(
     not_judged = _name_silent(records)
     silent = [*unknown, *(f"Not judged: {names}." for names in not_judged)]
     judged = [record for record in records if record.status != NOT_JUDGED]
-    recalled = [f"Before the run: {text.rstrip('.?')}?" for text in chains.doubts]
+    recalled = [f"Before the run: {_end_sentence(text)}" for text in chains.doubts]
     if not drawn and not judged:
         reason = (NOT_DRAWN if parts else NO_DATA) if known else NOT_KNOWN
         because = f"{NOT_CHECKED}: {''.join(not_judged) or reason}."
@@ -108,8 +112,10 @@ def judge_fit(
     sentence = "; ".join(said) + "."
     pressed, swapped = about.find_pressed(), [*_find_swaps(chains)]
     if missed or off:
-        likeliest = [*_name_causes(judged, missed), *swapped, *new.units]
-        others = [*_outvoted(chains.posterior, missed), *about.find_doubts(), *pressed]
+        found = [*_name_causes(judged, missed, bool(new.units)), *swapped, *new.units]
+        likeliest = found or [*_look_at_sensors(judged, missed)]
+        outvoted = [] if found else [*_outvoted(chains.posterior, missed)]
+        others = [*outvoted, *about.find_doubts(), *pressed]
         last = [] if likeliest or others else [_advise(new.wrong, about)]
         short = f"{new.total - new.inside} of {new.total} outside" if new.far else ""
         short = short or (_shorten(off) if off else "a surprising error")
@@ -128,6 +134,10 @@ def judge_fit(
         status = short = "at a bound"
     words = [f"{short}: {sentence}", *pressed, *doubts, *silent]
     return Statement(status, short, " ".join(words))
+
+
+def _end_sentence(text: str) -> str:
+    return text if text.endswith((".", "?")) else f"{text}."
 
 
 def _compare_replicates(drawn: Sequence[Measured]) -> _Replicates:
@@ -186,8 +196,9 @@ def _name_misfits(
     alike = [r for r in records if r.status == RESEMBLES_NONE]
     suspected = {r.experiment for r in records if r.status == SUSPECT}
     for record in alike:
-        text = f"measured {_name_mode(record)} resembles no mode of the model"
-        if record.mac > record.mac_before:
+        what = record.reason or "resembles no mode of the model"
+        text = f"measured {_name_mode(record)} {what}"
+        if not record.mac <= record.mac_before:
             text += f" at the prior mean (MAC {record.mac_before:.2f})"
         yield text
     found = list[tuple[float, str]]()
@@ -199,9 +210,9 @@ def _name_misfits(
         name = _full_name(whole)
         text = f"{name} is off in some of its data, not in all"
         if surprising:  # which absorbs the misfit
-            text = f"{name} fits by a large error only"
+            text = f"{name} fits only because its inferred error is large"
         elif whole.error:
-            text = f"{name} is uneven, whatever its error is"
+            text = f"{name} is off in some of its data by more than its inferred error"
         if whole.status == MISFIT:
             text = f"{name} {_compare_chi2(whole)}"
         if where := _name_farthest(of_term, whole.experiment in suspected):
@@ -268,35 +279,53 @@ def _name_mode(record: FitRecord) -> str:
     return words
 
 
-def _name_causes(records: Sequence[FitRecord], named: Collection[str]) -> Iterator[str]:
-    """Name what is likeliest wrong with the test: sensors, modes, pairing."""
-    suspects = [r for r in records if r.status == SUSPECT]
-    for r in suspects:
-        said = r.reason[0].upper() + r.reason[1:]
-        yield f"{said}. If it is so, put it right in what was measured."
-    known = {r.experiment for r in suspects}
-    alike = [r for r in records if r.status == RESEMBLES_NONE]
-    for r in alike:
-        yield f"Is measured mode {r.label} spurious? {LEAVE_OUT}"
-    for of_term in _by_term(records):
-        modes = [r for r in of_term if r.kind == MODE and np.isfinite(r.mac)]
-        off = of_term[0].error in named or any(r.status == MISFIT for r in of_term)
-        if not modes or not off:
-            continue
-        at = [r.label for r in find_farthest(of_term) if r.kind == SENSOR]
-        where = f" of {modes[0].experiment}" if modes[0].experiment else ""
-        if not alike and modes[0].experiment not in known:
-            which = _name_sensors(at[0]) if at else "one of the sensors"
-            yield f"Look at the sensors first: is {which}{where} {CHECK_SENSORS}"
-        if modes[0].term and not modes[0].paired:
-            yield PAIR
+def _name_causes(
+    records: Sequence[FitRecord], missed: Collection[str], other_units: bool
+) -> Iterator[str]:
+    """Name what is likeliest wrong with the test: sensors, modes, pairing.
+
+    Where units are wrong, parameters that follow them make good modes unlike.
+    """
     for r in records:
-        if r.status == SKIPPED:
-            where = f" of {r.experiment}" if r.experiment else ""
+        where = f" of {r.experiment}" if r.experiment else ""
+        if r.status == SUSPECT:
+            said = r.reason[0].upper() + r.reason[1:]
+            yield f"{said}. If it is so, put it right in what was measured."
+        elif r.status == RESEMBLES_NONE and not other_units:
+            yield f"Is measured mode {r.label}{where} spurious? {LEAVE_OUT}"
+        elif r.status == SKIPPED:
             yield (
                 f"Mode {r.label} of the model{where} may not have been measured: the "
                 f"other frequencies agree far better without it. {PAIR}"
             )
+    for of_term in _unlike_shapes(records, missed):
+        if of_term[0].term and not of_term[0].paired:
+            yield PAIR
+
+
+def _look_at_sensors(
+    records: Sequence[FitRecord], missed: Collection[str]
+) -> Iterator[str]:
+    """Name the sensor that is farthest out where measured shapes do not fit."""
+    tried = {r.experiment for r in records if r.status == NONE_SUSPECT}
+    for of_term in _unlike_shapes(records, missed):
+        name = of_term[0].experiment
+        at = [r.label for r in find_farthest(of_term) if r.kind == SENSOR]
+        which = _name_sensors(at[0]) if at else "one of the sensors"
+        where = f" of {name}" if name else ""
+        how = SENSORS_CHECKED if name in tried else CHECK_SENSORS
+        yield f"Look at the sensors first: is {which}{where} {how}"
+
+
+def _unlike_shapes(
+    records: Sequence[FitRecord], missed: Collection[str]
+) -> Iterator[list[FitRecord]]:
+    """Yield the records of each term whose measured shapes do not fit."""
+    for of_term in _by_term(records):
+        modes = [r for r in of_term if r.kind == MODE and np.isfinite(r.mac)]
+        misfit = any(r.status == MISFIT for r in of_term)
+        if modes and (misfit or of_term[0].error in missed):
+            yield of_term
 
 
 def _shorten(off: Sequence[FitRecord]) -> str:

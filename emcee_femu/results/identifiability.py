@@ -28,6 +28,7 @@ PRIOR_COMPARED = 4_000
 CLEAR = 0.2  # by which the skewness of a prior exceeds that of its logarithm
 PER_COEFFICIENT = 3  # different samples for each fitted coefficient
 UNINFORMED = 0.9  # sd ratio above which a parameter is as uncertain as before
+MORE = 1 / UNINFORMED  # and above which it is more so
 SURPRISING = 2.0  # prior sds by which an error may exceed its prior mean
 FOLLOWED = 4.0  # prior sds by which data may move a parameter without a doubt
 TOGETHER = 0.95  # |correlation| above which only a combination is known well
@@ -143,11 +144,12 @@ class Identifiability(Report):
         names, correlation = self.names, self.correlation
         together = np.triu(np.abs(correlation) > TOGETHER, 1)
         uninformed = np.flatnonzero(self.sd_ratio > UNINFORMED)
+        compared = "as uncertain as", "more uncertain than"
         sentences = [
-            f"The data leave {names[i]} as uncertain as before (sd ratio "
-            f"{self.sd_ratio[i]:.2f}), and move it by {self.shift[i]:+.1f} prior "
-            "standard deviations."
-            for i in uninformed
+            f"The data leave {names[i]} {compared[bool(ratio > MORE)]} before (sd "
+            f"ratio {ratio:.3g}), and move it by {self.shift[i]:+.1f} prior standard "
+            "deviations."
+            for i, ratio in zip(uninformed, self.sd_ratio[uninformed], strict=True)
         ]
         for pair in np.argwhere(together):
             variances, directions = self._principal(pair)
@@ -211,10 +213,11 @@ class Identifiability(Report):
     def find_doubts(self) -> list[str]:
         """Name errors that are larger than expected, and rough sensitivities."""
         return [
-            f"{name} is inferred {self.shift[self.names.index(name)]:.1f} prior "
-            "standard deviations above its prior mean: model and data disagree by more "
-            "than was expected. Look for what the model lacks, or widen this prior."
-            for name in self.surprising
+            f"{self.names[i]} is inferred at {self.mean[i]:.2g}, {self.shift[i]:.1f} "
+            "prior standard deviations above its prior mean: model and data disagree "
+            "by more than was expected. Look for what the model lacks, and for what is "
+            "wrong in the test; widen this prior only if such an error is credible."
+            for i in map(self.names.index, self.surprising)
         ] + [
             f"The sensitivities of {self.modes[i]} are rough, for ln(lambda) is not a "
             f"quadratic over the samples (R^2 {self.r_squared[i]:.2f})."

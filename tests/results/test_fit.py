@@ -22,7 +22,7 @@ from emcee_femu.likelihoods.residuals import (
     FitRecord,
 )
 from emcee_femu.results.fit import find_farthest, judge_data
-from emcee_femu.results.fit_modes import find_suspects, judge_modes
+from emcee_femu.results.fit_modes import find_suspects, judge_modes, judge_places
 from emcee_femu.results.measured import read_measured
 
 N, M = 6, 3
@@ -126,9 +126,14 @@ def test_sensors_are_looked_at_where_all_shapes_together_do_not_fit(
 
 
 @pytest.mark.parametrize("shapes_compared", [True, False])
-def test_a_spurious_mode_is_named_first_with_the_cure(shapes_compared):
-    """Fault 4: a fourth mode that resembles none."""
-    odd = TRUE.shapes[0] @ [1, -1, 1, 1, -1, -1]  # as much of each mode
+@pytest.mark.parametrize(
+    "parts",
+    [[1, -1, 1, 1, -1, -1], [0.3, -0.1, 0.2, 0.1, 1, -0.2]],
+    ids=["as much of each mode", "like one of twice its frequency"],
+)
+def test_a_spurious_mode_is_named_first_with_the_cure(shapes_compared, parts):
+    """Fault 4: a fourth mode that resembles none, or one of quite another frequency."""
+    odd = TRUE.shapes[0] @ parts
     hertz = np.insert(HERTZ, 2, 1.15 * HERTZ[1])
     shapes = np.insert(NOISY, 2, odd / np.linalg.norm(odd), axis=1)
     posterior = target(shapes, hertz)
@@ -141,6 +146,26 @@ def test_a_spurious_mode_is_named_first_with_the_cure(shapes_compared):
     assert found.fit.status == "does not fit" and alike == ["3"]
     cures = found.fit.sentence.partition("Is measured mode 3 spurious?")
     assert cures[1] and "harmonic" in cures[2] and "discrepancy" not in cures[0]
+    assert "sensors first" not in found.fit.sentence
+
+
+def test_modes_far_from_their_frequency_are_named_only_where_the_others_are_near():
+    """A unit, a prior mean that is off, and what updating explains are no reason."""
+    (experiment,) = target(NOISY).experiments
+
+    def named(before, after=None, macs=(0.9, 0.8, 0.7)):
+        now, then = (
+            {"frequency": (HERTZ * ratios)[None], "mac": np.array([macs])}
+            for ratios in (before if after is None else after, before)
+        )
+        return [r.label for r in judge_places(experiment, now, then, [])]
+
+    assert named([1.0, 1.8, 1.1]) == ["2"]
+    assert named([2.1, 1.0, 2.0]) == ["2"]
+    assert named([1.0, 2.0, 0.5], macs=(0.9, 0.9, 0.5)) == ["3"]  # the least like
+    assert named([3.0, 3.1, 2.9]) == named([1.3, 0.8, 1.0]) == []
+    assert named([1.0, 1.8, 1.1], after=[1.0, 1.1, 1.0]) == []
+    assert named([1.0, np.nan, 1.1]) == []
 
 
 def test_a_spurious_mode_that_parameters_follow_is_told_by_the_prior_mean():
