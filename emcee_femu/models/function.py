@@ -214,7 +214,8 @@ class DensityModel:
             raise TypeError(
                 f"{DENSITY}: it is called with one array, its parameters in the order "
                 f"of {[*self.names]}, then args and kwargs, as emcee does: {error}; "
-                "write lambda theta: f(*theta) for a function f of single numbers"
+                "give what it needs besides as args= or kwargs=, or write lambda "
+                "theta: f(*theta) for a function f of single numbers"
             ) from None
         except ValueError:  # a compiled function without a signature
             pass
@@ -230,7 +231,8 @@ class DensityModel:
         if row is None:
             raise ValueError(
                 f"{DENSITY}: expected a finite number at some of {len(points)} draws "
-                "of the prior, got none; narrow the prior to where it is finite"
+                "of the prior, got NaN, inf or -inf at all; narrow the prior to where "
+                "it is finite, or correct the function"
             )
         variables = {}
         for name, blob in row.items():
@@ -266,6 +268,13 @@ class DensityModel:
                 place = dict(zip(self.names, point.tolist(), strict=True))
                 with placed(place, self.names):
                     result = self._call(point)
+                    if isinstance(result, np.ndarray) and result.size > 1:
+                        raise SolveError(
+                            "wrong shape",
+                            f"{DENSITY}: expected a number, or a tuple of a number and "
+                            f"blobs, got an array of shape {result.shape}; sum it, or "
+                            "return a tuple",
+                        )
                     rows.append(_read_density(result))
             return rows
         results = self._call(theta)
@@ -284,10 +293,13 @@ class DensityModel:
         try:
             return self.call(theta, *self.args, **self.kwargs)
         except (IndexError, TypeError, ValueError) as error:
+            remedy = "with vectorize=True it is given all points at once, (n, d)"
+            if self.vectorize:
+                remedy = "without vectorize it is given one point at a time, (d,)"
             error.add_note(
                 f"{DENSITY}: the function was given an array of shape {theta.shape}, "
                 f"whose {len(self.names)} parameters are the names of the prior, "
-                f"{[*self.names]}"
+                f"{[*self.names]}; {remedy}"
             )
             raise
 

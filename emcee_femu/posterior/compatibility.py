@@ -32,16 +32,29 @@ def check_prior(prior: Prior) -> None:
             if np.shape(prior[0]) == (2,):
                 first = ", ".join(map(str, prior[0]))
                 cure = f'bounds need names: IndependentPrior({{"a": ({first}), ...}})'
+            elif isinstance(prior[0], str):
+                example = f"{{{prior[0]!r}: (low, high), ...}}"
+                cure = f"names need bounds: IndependentPrior({example})"
         raise TypeError(
             "prior: expected names, bounds, logpdf and sample, but "
             f"{type(prior).__name__} has no {min(missing)}; {cure}"
         )
-    shape = (len(prior.names), 2)
-    if type(prior.bounds) is not np.ndarray or prior.bounds.shape != shape:
+    names, bounds = [*prior.names], prior.bounds
+    if len({*names}) < len(names):
+        raise ValueError(f"prior: expected different names, got {names}")
+    shape = (len(names), 2)
+    usable = type(bounds) is np.ndarray and bounds.shape == shape
+    if not usable or bounds.dtype.kind != "f":
         raise TypeError(
-            f"prior: expected bounds as an array (low, high) of shape {shape}, one row "
-            f"for each of {list(prior.names)}, got {prior.bounds!r}"
+            f"prior: expected bounds as an array of floats (low, high), of shape "
+            f"{shape}, one row for each of {names}, got {bounds!r}"
         )
+    for name, (low, high) in zip(names, bounds.tolist(), strict=True):
+        if not low < high:  # never for NaN
+            raise ValueError(
+                f"prior: expected bounds (low, high) with low < high, got ({low:g}, "
+                f"{high:g}) for {name!r}"
+            )
 
 
 def check_terms(model: object, terms: Sequence[object]) -> None:

@@ -6,6 +6,7 @@ Its autocorrelation times, by which all judgements count, are computed here too.
 import json
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
@@ -26,6 +27,7 @@ from ..search.record import Chains, SearchRecord
 from .arviz_objects import InferenceData, dataset, is_arviz, samples, samples_of
 
 # Attributes of ArviZ objects that say which steps were left out, and their defaults.
+HDF5 = b"\x89HDF"  # with which such a file begins
 STEPS_LEFT_OUT = {"discard": 0, "thin": 1}
 # Other attributes, which are texts.
 TOLD = "kind", "moves", "seed", "origin", "stopped"
@@ -87,6 +89,11 @@ def read_chains(
         try:
             store = Store(os.fspath(source), read_only=True)
         except ValueError as error:
+            if _is_hdf5(source):
+                raise ValueError(
+                    f"{argument}: {source} is an HDF5 file; give what reads it, as "
+                    "emcee.backends.HDFBackend(...) or arviz.from_netcdf(...)"
+                ) from None
             raise ValueError(f"{argument}: {error}") from None
         return _of_file(store, posterior, discard, read)
     samplers = checks.one_or_several(source)
@@ -135,6 +142,12 @@ def read_chains(
         starts_given=run.starts_given,
         doubts=run.doubts,
     )
+
+
+def _is_hdf5(path: str | os.PathLike[str]) -> bool:
+    with suppress(OSError), open(path, "rb") as file:
+        return file.read(len(HDF5)) == HDF5
+    return False
 
 
 def _given_names(sampler: emcee.EnsembleSampler) -> tuple[str, ...]:

@@ -42,6 +42,7 @@ from .to_arviz import FIT, judge_samples
 # Functions that judge samples with their response, by the title of their statement: see
 # CONTRIBUTING.md.
 FURTHER: dict[str, Callable[[InferenceData], Statement]] = {}
+NO_RESPONSE = "these samples come without the model's response"
 NOT_TO_BE_USED = "refused by full solves: do not use these numbers"
 # Weights are equal if they differ by less than two standard errors, which are small.
 EQUAL_WITHIN, ERROR_OF_EQUAL = 2.0, 0.02
@@ -131,17 +132,17 @@ def diagnose(source: object, discard: int | None = None) -> Diagnosis:
     idata, records = _read(source, chains)
     fit = judge_fit(idata, records, chains)
     data = records or ()
-    further = {}
-    if idata is not None:
-        further = {title: _ask(judge, idata) for title, judge in FURTHER.items()}
+    further = {title: _ask(judge, idata) for title, judge in FURTHER.items()}
     diagnosis = replace(diagnosis, data=data, further=further)
     return replace(diagnosis, chains=about, search=search, fit=fit)
 
 
 def _ask(
-    judge: Callable[[InferenceData], Statement], idata: InferenceData
+    judge: Callable[[InferenceData], Statement], idata: InferenceData | None
 ) -> Statement:
     """Return a further statement; a judge that fails does not take the others along."""
+    if idata is None:
+        return Statement(NOT_JUDGED, NOT_JUDGED, f"{NOT_JUDGED}: {NO_RESPONSE}.")
     try:
         return checks.instance("the statement", judge(idata), Statement)
     except Exception as error:  # of any kind: it is the user's judge

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
+import numpy as np
 from emcee.backends import Backend
 from numpy.typing import ArrayLike
 
@@ -21,12 +22,19 @@ def weigh_moves(moves: object, argument: str = "moves") -> list[tuple[Move, floa
     pairs = [item for item in listed if isinstance(item, list | tuple)]
     if pairs and (len(pairs) < len(listed) or any(len(pair) != 2 for pair in pairs)):
         raise TypeError(f"{argument}: expected (move, weight) pairs, got {moves!r}")
+    if isinstance(moves, np.ndarray):
+        raise TypeError(
+            f"{argument}: expected emcee moves, or 'auto', got an array of shape "
+            f"{moves.shape}; positions of walkers are starts="
+        )
     weighted = [(item, 1.0) for item in listed]
     if pairs:
         label = f"{argument} (their weights)"
         weighted = [(m, checks.real_number(label, w, 0.0)) for m, w in pairs]
     for move, _ in weighted:
         remedy = f"; write {move.__name__}()" if isinstance(move, type) else ""
+        if isinstance(moves, tuple) and len(moves) == 2 and move is moves[1]:
+            remedy = "; write [(move, weight)]"
         if remedy or not hasattr(move, "propose"):
             raise TypeError(
                 f"{argument}: expected an emcee move, a list of moves or of (move, "
@@ -76,6 +84,12 @@ def check_starts(
     remedy = "they are (ensembles, nwalkers, ndim)"
     checks.shaped("starts", points.shape, expected, remedy=remedy)
     posterior.check_inside("starts", points.reshape(-1, posterior.ndim))
+    together = (points == points[:, :1]).all(axis=(1, 2))
+    if nwalkers > 1 and together.any():
+        raise ValueError(
+            f"starts: all walkers of ensemble {np.argmax(together)} start at one "
+            "point, from which few moves get away; scatter them a little"
+        )
     return points
 
 

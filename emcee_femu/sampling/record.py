@@ -109,7 +109,10 @@ def read_backends(
     hot: bool = False,
 ) -> Chains:
     """Return the chains that emcee backends hold, without names of parameters."""
-    steps = min(backend.iteration for backend in backends) - discard
+    stored = min(backend.iteration for backend in backends)
+    if not stored:
+        raise ValueError("source: no step is stored; run the sampler first")
+    steps = stored - discard
     if steps < thin:
         raise ValueError(f"discard: no steps are left after {discard} (thin={thin})")
     shapes = {backend.shape for backend in backends}
@@ -123,9 +126,17 @@ def read_backends(
         return np.stack([part[: steps // thin, kept] for part in parts], axis=1)
 
     acceptance = [backend.accepted[kept] / backend.iteration for backend in backends]
+    draws, ensembles = gather("chain"), range(len(backends))
+    if np.any(acceptance) and len({draws[:, e].tobytes() for e in ensembles}) < len(
+        ensembles
+    ):
+        raise ValueError(
+            "source: two ensembles hold the same chain, so that their agreement says "
+            "nothing; give each sampler its own seed and starts"
+        )
     return Chains(
         (),
-        gather("chain"),
+        draws,
         gather("log_prob"),
         np.array(acceptance),
         gather("blobs") if blobs and backends[0].has_blobs() else None,

@@ -170,6 +170,8 @@ class Diagnosis(Report):
     @property
     def _statements(self) -> Mapping[str, Statement]:
         three = {"Chains": self.chains, "Search": self.search, "Fit": self.fit}
+        if taken := sorted(three.keys() & self.further):
+            raise ValueError(f"FURTHER: these titles are taken: {taken}; choose others")
         return three | dict(self.further)
 
     @property

@@ -5,6 +5,7 @@ import pytest
 from scipy import io, sparse, stats
 
 import emcee_femu as ef
+from emcee_femu.sampling.arguments import check_starts, weigh_moves
 
 K = np.array([[3.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
 HELD = np.diag([1.0, 0.0, 1.0])
@@ -14,6 +15,8 @@ MODEL = ef.MassSpringModel([1.0, 1.0], {"k1": (0, 1, 5e2), "k2": (1, 2, 5e2)})
 TERM = ef.FrequencyTerm(F, relative_sd=0.02)
 MARGINALS = {"k1": stats.lognorm(0.2, scale=5e2), "k2": stats.lognorm(0.2, scale=5e2)}
 PRIOR = ef.IndependentPrior(MARGINALS)
+BOX = {"a": (-1.0, 1.0), "b": (-1.0, 1.0)}
+PRIOR_ONLY = ef.LogPosterior.from_function(lambda x: 0.0, BOX)
 POINTS = [[0, 0, 0], [1, 0, 0], [2, 0, 0]]
 BARS = [(0, 1, "bar"), (1, 2, "bar")]
 BAR = {"E": 2.0e11, "GJ": 1e5, "rho": 7800.0, "A": 1e-3, "Iy": 1e-6, "Iz": 1e-6}
@@ -56,6 +59,26 @@ CURES = {
         lambda: ef.LogPosterior(PRIOR, MODEL, TERM),
         r"FrequencyTerm.*LogPosterior\(model, terms, prior\)",
         lambda: ef.LogPosterior(MODEL, TERM, PRIOR),
+    ),
+    "no sum": (
+        lambda: ef.LogPosterior.from_function(lambda x: -(x**2), BOX),
+        r"log_likelihood: .*number.*shape \(2,\); sum it",
+        lambda: ef.LogPosterior.from_function(lambda x: -(x**2).sum(), BOX),
+    ),
+    "names without bounds": (
+        lambda: ef.LogPosterior.from_function(lambda x: -(x @ x), ["a", "b"]),
+        r"prior: .*\{'a': \(low, high\), ...\}",
+        lambda: ef.LogPosterior.from_function(lambda x: -(x @ x), BOX),
+    ),
+    "one weighted move": (
+        lambda: weigh_moves((ef.DEMCMove(), 1.0)),
+        r"moves: .*\[\(move, weight\)\]",
+        lambda: weigh_moves([(ef.DEMCMove(), 1.0)]),
+    ),
+    "positions for moves": (
+        lambda: weigh_moves(np.zeros((8, 2))),
+        "moves: .*starts=",
+        lambda: check_starts(np.eye(2), PRIOR_ONLY, 1, 2),
     ),
     "prior": (
         lambda: ef.LogPosterior(MODEL, TERM, MARGINALS),

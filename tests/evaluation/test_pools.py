@@ -267,6 +267,7 @@ def test_an_error_names_the_place_and_ends_solves_that_take_long(raised):
         time.sleep(2 * pool_problems.HANGS)
 
     starts = np.full((64, 2), 0.9)
+    starts[:, 1] += np.linspace(0.0, 0.01, 64)
     starts[0, 0] = 1.0
     with pytest.raises((raised, RuntimeError)) as caught:
         run(solver, posterior=posterior_of(solver), starts=starts, workers=2)

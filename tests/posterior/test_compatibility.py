@@ -113,3 +113,42 @@ def test_names_that_arviz_has_no_place_for_are_refused(changed, argument):
     assert posterior_of()([1.5]).shape == (5,)
     with pytest.raises(ValueError, match=f"^{argument}: "):
         posterior_of(**changed)
+
+
+class Flat:
+    """A prior of a user: uniform between its bounds."""
+
+    names = "a", "b"
+
+    def __init__(self, bounds):
+        self.bounds = bounds
+
+    def logpdf(self, theta):
+        low, high = self.bounds.T
+        inside = ((theta >= low) & (theta <= high)).all(axis=1)
+        return np.where(inside, -np.log(high - low).sum(), -np.inf)
+
+    def sample(self, rng, size):
+        return rng.uniform(*self.bounds.T, (size, 2))
+
+
+@pytest.mark.parametrize(
+    ("bounds", "said"),
+    [
+        ([[1, 2], [3, 4]], "floats"),
+        (np.array([[1, 2], [3, 4]]), "floats"),
+        (np.array([[1.0, 3.0, 5.0], [2.0, 4.0, 6.0]]), r"\(2, 2\)"),
+        (np.array([[1.0, 2.0], [4.0, 3.0]]), r"low < high.*'b'"),
+        (np.array([[1.0, np.nan], [3.0, 4.0]]), r"low < high.*'a'"),
+    ],
+)
+def test_bounds_of_a_prior_are_checked(bounds, said):
+    with pytest.raises((TypeError, ValueError), match=f"prior: .*{said}"):
+        ef.LogPosterior(lambda p: {}, lambda p, r: -p["a"], Flat(bounds))
+
+
+def test_names_of_a_prior_are_different():
+    prior = Flat(np.array([[1.0, 2.0], [3.0, 4.0]]))
+    prior.names = "a", "a"
+    with pytest.raises(ValueError, match="different names"):
+        ef.LogPosterior(lambda p: {}, lambda p, r: -p["a"], prior)

@@ -451,6 +451,18 @@ def test_a_further_judge_that_fails_is_named_and_the_others_stay(faulty, monkeyp
     after = ef.diagnose(run)
     assert after.further["Extra"].status == "not judged"
     assert str(after).startswith(before) and "Extra: not judged" in str(after)
+    alone = ef.diagnose([backend(ar1([0.5], 100, 8, seed)) for seed in range(2)])
+    assert alone.further["Extra"].status == "not judged"
+    monkeypatch.setitem(FURTHER, "Fit", faulty)
+    with pytest.raises(ValueError, match="FURTHER.*Fit"):
+        str(ef.diagnose(run))
+
+
+def test_a_file_that_others_wrote_is_called_that(tmp_path):
+    file = tmp_path / "chain.h5"
+    file.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
+    with pytest.raises(ValueError, match="HDF5.*HDFBackend"):
+        ef.diagnose(file)
 
 
 @pytest.mark.parametrize("from_prior", [0, HITS - 1, HITS, 100])

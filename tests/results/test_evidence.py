@@ -39,11 +39,11 @@ def test_the_evidence_is_the_exact_one_and_its_error_the_spread(law, seed, steps
     assert abs(together.log_evidence - law.log_evidence) < 4 * error
 
 
-def ladder(log_likelihood, betas=(1.0, 0.5, 0.0), log_prior=-2.0):
+def ladder(log_likelihood, betas=(1.0, 0.5, 0.0), log_prior=-2.0, seed=0):
     """Return a sampler that stored these log-likelihoods ``(steps, walkers)``."""
     steps, walkers = log_likelihood.shape
     # What the chains themselves are judged by.
-    chain = np.random.default_rng(steps).normal(size=(steps, walkers, 1))
+    chain = np.random.default_rng([steps, seed]).normal(size=(steps, walkers, 1))
     blobs = np.full((steps, walkers, 2), log_prior)
     move = ef.moves.TemperedMove(ef.DEMCMove(), betas)
     sampler = emcee.EnsembleSampler(walkers, 1, len, moves=move)
@@ -102,7 +102,8 @@ def test_ensembles_that_disagree_widen_the_error():
     shifts = np.array([0.0, 0.0, 0.0, 0.8])  # as of one that lacks a mode
     hot = np.repeat([0.0, 0.0, 1.0], 5)
     values = [independent(seed=e) + shifts[e] * hot for e in range(4)]
-    found = ef.log_evidence([ladder(series) for series in values])
+    several = [ladder(series, seed=e) for e, series in enumerate(values)]
+    found = ef.log_evidence(several)
     apart = np.std([ef.log_evidence(ladder(v)).log_evidence for v in values], ddof=1)
     assert_allclose(found.log_evidence_error, apart / 2, rtol=0.1)
 

@@ -242,11 +242,12 @@ def test_netcdf_round_trip_keeps_every_number_and_the_tables(idata, tmp_path):
         assert_allclose(*(table.column(column) for table in tables), rtol=1e-9)
 
 
-def finished(n=3, n_modes=MODES, steps=3):
+def finished(n=3, n_modes=MODES, steps=3, seed=1):
     prior = ef.GaussianPrior(NAMES[:n], MEAN[:n], 0.1)
     term = ef.FrequencyTerm(MEASURED, beta=1e3)
     posterior = ef.LogPosterior(model_of(n_modes), term, prior)
-    return list(ef.run(posterior, ef.DEMCMove(), WALKERS, steps, seed=1, ensembles=1))
+    shape = WALKERS, steps
+    return list(ef.run(posterior, ef.DEMCMove(), *shape, seed=seed, ensembles=1))
 
 
 def test_what_is_of_no_one_shape_or_not_there_is_refused_but_a_length_is_cut(
@@ -257,6 +258,8 @@ def test_what_is_of_no_one_shape_or_not_there_is_refused_but_a_length_is_cut(
         (finished() + finished(2), {"posterior": POSTERIOR}, "source"),
         (finished(3, 3), {"posterior": POSTERIOR}, r"\(5,\) .*\(7,\)"),
         (runs, {"discard": STEPS}, "^discard"),
+        (finished() * 2, {}, "source.*same chain"),
+        (emcee.EnsembleSampler(4, 1, len), {}, "source.*run the sampler"),
         (POSTERIOR, {"discard": 10}, "no samples.*discard"),
         (runs, {"term": "ridge"}, "^term"),
         (runs, {"term": "stiff"}, "^term"),
@@ -268,7 +271,7 @@ def test_what_is_of_no_one_shape_or_not_there_is_refused_but_a_length_is_cut(
     ):
         with pytest.raises((TypeError, ValueError), match=message):
             ef.to_inference_data(source, **options)
-    both = ef.to_inference_data(finished() + finished(steps=5))
+    both = ef.to_inference_data(finished() + finished(steps=5, seed=2))
     assert dict(both["posterior"].sizes) == {"chain": 2 * WALKERS, "draw": 3}
 
 

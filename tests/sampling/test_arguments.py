@@ -59,6 +59,9 @@ def test_walkers_by_default_grow_with_the_parameters_and_the_ladder():
 def test_starts_are_a_copy_in_double_precision_inside_the_bounds():
     mean = np.rint(POSTERIOR.prior.mean).astype(int)
     given = np.tile(mean, (5, 1))
+    with pytest.raises(ValueError, match="starts.*scatter"):
+        check_starts(given, POSTERIOR, 1, 5)
+    given[1] += 1
     found = check_starts(given, POSTERIOR, 1, 5)
     assert found.shape == (1, 5, POSTERIOR.ndim) and found.dtype == float
     given[0] = 0
