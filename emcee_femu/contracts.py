@@ -47,6 +47,11 @@ formula     term          for reports, in HTML: the likelihood as a formula
 discrepancy term          which of ``names`` is an inferred error: reports name it, and
                           it is asked whether data fit by a large error only
 symbol      term          for reports, in HTML: the symbol of this error
+logpdfs     prior         ``logpdfs(theta)``: the log density of each parameter, ``(n,
+                          d)``: drawn beside the posterior, stored as ``log_prior``
+marginals   prior         ``{parameter: distribution}`` as of scipy.stats, frozen:
+                          tables and reports name them, and their means are where a
+                          run begins
 state       move          ``state()``: its memory from one step to the next, as JSON
                           types (numbers, strings, lists, mappings). Absent: its
                           proposals depend only on the walkers and the random stream
@@ -305,7 +310,7 @@ def modal_variables(n_modes: int, dofs: Places = ()) -> dict[str, Variable]:
 
 
 def read_declared(reader: object, attribute: str) -> Any:
-    """Return an attribute that a model, a term, a move or a result declares, or None.
+    """Return an attribute that one of the stages declares, or None.
 
     Only the attributes in the table at the top of this file are read.
     """

@@ -11,12 +11,12 @@ from emcee.moves import Move
 from numpy.random import RandomState
 from numpy.typing import ArrayLike, NDArray
 
-from .. import checks
 from ..moves.proposing import (
     ProposingMove,
     accept_or_reject,
     check_state,
     only_propose,
+    read_betas,
     subtract_log_prior,
 )
 
@@ -68,13 +68,7 @@ class TemperedMove(Move):
 
     def __init__(self, inner: Move, betas: ArrayLike) -> None:
         self.inner = only_propose(inner)
-        self.betas = checks.real_array("betas", betas, 1)
-        falling = len(self.betas) > 1 and (np.diff(self.betas) < 0).all()
-        if not falling or self.betas[0] != 1 or self.betas[-1] < 0:
-            raise ValueError(
-                "betas: expected at least two powers that descend from 1 to no less "
-                f"than 0, such as [1.0, 0.3, 0.0], got {self.betas.tolist()}"
-            )
+        self.betas = read_betas(betas)
 
     def cold(self, nwalkers: int) -> slice:
         """Return which of ``nwalkers`` walkers sample the posterior itself."""

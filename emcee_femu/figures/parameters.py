@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from .. import checks
-from ..contracts import Floats
+from ..contracts import Floats, read_declared
 from ..posterior.log_posterior import LogPosterior
-from ..posterior.priors import KnownPrior
 from ..results.arviz_objects import prior_draws, samples
 from ..results.to_arviz import read_samples
 from ..verdict.statistics import mean_sizes
@@ -400,10 +399,11 @@ def _prior_density(
 ) -> Floats | None:
     """Return the prior's density at values ``(n,)``, its maximum 1, None if unknown."""
     prior = posterior and posterior.prior
-    if not isinstance(prior, KnownPrior) or name not in prior.names:
+    logpdfs = read_declared(prior, "logpdfs")
+    if prior is None or logpdfs is None or name not in prior.names:
         return None  # as for a derived quantity
     theta = np.tile(values[:, None], len(prior.names))
-    density = np.exp(prior.logpdfs(theta)[:, prior.names.index(name)])
+    density = np.exp(logpdfs(theta)[:, prior.names.index(name)])
     return np.asarray(density / density[np.isfinite(density)].max())
 
 

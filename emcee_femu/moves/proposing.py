@@ -22,8 +22,9 @@ from emcee import State
 from emcee.model import Model
 from emcee.moves import DESnookerMove, GaussianMove, Move
 from numpy.random import RandomState
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from .. import checks
 from ..contracts import Floats, read_declared
 from ..table import Report
 
@@ -147,6 +148,18 @@ def only_propose(inner: Move) -> ProposingMove:
     )
 
 
+def read_betas(betas: ArrayLike) -> Floats:
+    """Return powers of the likelihood, checked."""
+    powers = checks.real_array("betas", betas, 1)
+    falling = len(powers) > 1 and (np.diff(powers) < 0).all()
+    if not falling or powers[0] != 1 or powers[-1] < 0:
+        raise ValueError(
+            "betas: expected at least two powers that descend from 1 to no less than "
+            f"0, such as [1.0, 0.3, 0.0], got {powers.tolist()}"
+        )
+    return powers
+
+
 def ladder_of(moves: Iterable[Move]) -> Floats:
     """Return the powers of the likelihood that walkers have under all ``moves``.
 
@@ -157,7 +170,7 @@ def ladder_of(moves: Iterable[Move]) -> Floats:
     """
     listed = list(moves)
     given = [read_declared(move, "betas") for move in listed]
-    ladders = [np.atleast_1d(1.0 if betas is None else betas) for betas in given]
+    ladders = [np.ones(1) if betas is None else read_betas(betas) for betas in given]
     first = ladders[0] if ladders else np.ones(1)
     if not all(np.array_equal(betas, first) for betas in ladders):
         raise ValueError(

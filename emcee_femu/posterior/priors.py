@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from .. import checks
-from ..contracts import Floats, Prior
+from ..contracts import Floats, Prior, read_declared
 from ..table import Column, Parts, Report, Table, unit_column
 
 MOMENT_DRAWS = 20_000  # of a prior, for its moments
@@ -38,11 +38,6 @@ class KnownPrior(Report):
     names: tuple[str, ...]
     bounds: Floats
     marginals: dict[str, Marginal]  # by name; a Gaussian's before truncation
-
-    @property
-    def distributions(self) -> list[str]:
-        """The marginal distributions before truncation, in scipy's notation."""
-        return [describe_marginal(marginal) for marginal in self.marginals.values()]
 
     def _parts(self) -> Parts:
         return (tabulate_prior("Prior", self),)
@@ -320,16 +315,15 @@ def prior_centre(prior: Prior) -> Floats:
     if isinstance(prior, GaussianPrior):
         return prior.mean
     centre = summarize_prior(prior)[0]
-    marginals = prior.marginals if isinstance(prior, KnownPrior) else {}
-    for i, marginal in enumerate(marginals.values()):
+    for name, marginal in (read_declared(prior, "marginals") or {}).items():
         if hasattr(marginal, "mean") and np.isfinite(mean := marginal.mean()):
-            centre[i] = mean
+            centre[prior.names.index(name)] = mean
     return centre
 
 
 def list_laws(prior: Prior) -> list[str]:
-    """Return the marginal distributions of a prior of this package, none of others."""
-    return prior.distributions if isinstance(prior, KnownPrior) else []
+    """Return a prior's marginals before truncation, as scipy writes them, if any."""
+    return [*map(describe_marginal, (read_declared(prior, "marginals") or {}).values())]
 
 
 def tabulate_prior(

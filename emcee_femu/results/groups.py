@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..contracts import Floats, Places, Variable
+from ..contracts import Floats, Places, Variable, read_declared
 from ..evaluation.resume import installed_version
 from ..posterior.compatibility import RESERVED
 from ..posterior.log_posterior import LOG_PRIOR, LogPosterior
-from ..posterior.priors import KnownPrior, prior_centre, summarize_prior
+from ..posterior.priors import prior_centre, summarize_prior
 from ..search.record import Chains
 from .arviz_objects import Dataset, Groups
 from .chains import STORED, TOLD
@@ -139,9 +139,9 @@ class Conversion:
     def log_prior(self) -> Dataset | None:
         """Return the log-prior of each parameter, if the prior tells it."""
         prior, draws = self.sampled.prior, self.chains.draws
-        if not isinstance(prior, KnownPrior):
+        if (logpdfs := read_declared(prior, "logpdfs")) is None:
             return None
-        densities = prior.logpdfs(draws.reshape(-1, draws.shape[-1]))
+        densities = logpdfs(draws.reshape(-1, draws.shape[-1]))
         by_name = _by_parameter(prior.names, densities.reshape(draws.shape), {})
         return self.group(by_name)
 

@@ -208,7 +208,7 @@ def frequency_table(
     m, updated = len(measured), frequency.updated
     sd, its_sd = draws.std(axis=0, ddof=1), frequency.sd(posterior)
     percent = 100 * sd / updated
-    given = show_given(measured, np.where(np.isfinite(its_sd), its_sd, sd))
+    as_given = show_given(measured, np.where(np.isfinite(its_sd), its_sd, sd))
 
     def hertz(title: str, values: Floats, to: Floats = sd) -> Column:
         return title, [*show(values, to), ""], np.append(values, np.nan)
@@ -220,7 +220,7 @@ def frequency_table(
 
     columns: list[Column] = [
         (frequency.dims, "", [*frequency.labels, "TAE"]),
-        ("measured Hz", [*given, ""], np.append(measured, np.nan)),
+        ("measured Hz", [*as_given, ""], np.append(measured, np.nan)),
         hertz("prior mean Hz", frequency.initial),
         error("error %", frequency.initial),
         hertz("updated Hz", updated),

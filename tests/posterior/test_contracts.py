@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
-from support.contracts import assert_model, assert_term
+from support.contracts import assert_model, assert_prior, assert_term
 from support.derivatives import assert_jacobian
 
 import emcee_femu as ef
@@ -22,6 +22,7 @@ class Linear:
         points = ["a", "b", "c"] if fault == "declared" else ["a", "b"]
         self.variables = {"u": ef.Variable({"point": points}, "mm")}
         self.fault, self.shift = fault, 0.0
+        self.names = "k1", "k2"
 
     def __getstate__(self):
         return vars(self) | {"shift": float(self.fault == "pickled copy")}
@@ -30,6 +31,8 @@ class Linear:
         u = np.stack([parameters["k1"], parameters["k2"]], axis=1) + self.shift
         if self.fault == "same for all":
             u = u[:1].repeat(3, axis=0)
+        if self.fault == "k2 by itself":  # a wrapper does not pass it on
+            u = parameters["k1"][:, None] * [1.0, 2.0]
         if self.fault == "alone":  # rows are mixed
             u = u + 1e-6 * u.mean(axis=0)
         if self.fault == "changed k1":
@@ -38,12 +41,48 @@ class Linear:
 
 
 @pytest.mark.parametrize(
-    "fault", ["same for all", "alone", "changed k1", "declared", "pickled copy"]
+    "fault",
+    ["same for all", "alone", "changed k1", "declared", "pickled copy", "k2 by itself"],
 )
 def test_a_wrong_model_is_found(fault):
     parameters = {name: value.copy() for name, value in K.items()}
     with pytest.raises(AssertionError, match=fault):
         assert_model(Linear(fault), parameters)
+
+
+class Slope:
+    """A prior of density 2 x on the unit interval, with a fault."""
+
+    names, bounds = ("x",), np.array([[0.0, 1.0]])
+
+    def __init__(self, fault=""):
+        self.fault = fault
+
+    def logpdf(self, theta):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            values = np.log(2 * theta[:, 0])
+        outside = (theta[:, 0] > 1) | ~(theta[:, 0] > 0)
+        return np.where(outside & (self.fault != "out of bounds"), -np.inf, values)
+
+    def sample(self, rng, n):
+        if self.fault == "generator":
+            rng = np.random.default_rng(0)
+        power = 0.55 if self.fault == "another law" else 0.5
+        return rng.random((n - (self.fault == r"\(n, d\)"), 1)) ** power
+
+
+def test_a_right_prior_is_accepted():
+    assert_prior(Slope())
+    laws = {"a": stats.lognorm(0.3), "b": (1.0, 2.0)}
+    assert_prior(ef.IndependentPrior(laws))
+
+
+@pytest.mark.parametrize(
+    "fault", ["another law", "generator", "out of bounds", r"\(n, d\)"]
+)
+def test_a_wrong_prior_is_found(fault):
+    with pytest.raises(AssertionError, match=fault):
+        assert_prior(Slope(fault))
 
 
 CHAIN = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])

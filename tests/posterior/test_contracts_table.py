@@ -21,7 +21,7 @@ from emcee_femu.results.to_arviz import read_samples_and_model
 
 PACKAGE = Path(ef.__file__).parent
 ROWS = re.findall(
-    r"^(\w+) +(model, term|model|term|move|result)  ", ef.contracts.__doc__, re.M
+    r"^(\w+) +(model, term|model|term|prior|move|result)  ", ef.contracts.__doc__, re.M
 )
 PAIRS = {(row, of) for row, owners in ROWS for of in owners.split(", ")}
 
@@ -330,6 +330,40 @@ def tempered(given):
     return ef.to_inference_data(run, discard=0)["posterior"].sizes["chain"] == 4
 
 
+class Own:
+    """A prior of a user, with what the contract demands."""
+
+    names = "a", "b"
+    bounds = np.array([[-9.0, 9.0]] * 2)
+    laws = stats.norm(1.0, 0.3), stats.norm(1.0, 0.3)
+
+    def logpdfs(self, theta):
+        every = zip(self.laws, theta.T, strict=True)
+        return np.stack([law.logpdf(x) for law, x in every], axis=1)
+
+    def logpdf(self, theta):
+        return Own.logpdfs(self, theta).sum(axis=1)
+
+    def sample(self, rng, n):
+        return np.stack([law.rvs(n, rng) for law in self.laws], axis=1)
+
+
+def own_prior(attributes):
+    posterior = posterior_of("object")
+    prior = type("Told", (Own,), attributes)()
+    return ef.LogPosterior(posterior.experiments[0].model, posterior.terms, prior)
+
+
+def told_by_parameter(given):
+    return "log_prior" in sample(own_prior({} if given else {"logpdfs": None}))
+
+
+def named_in_tables(given):
+    laws = dict(zip(Own.names, Own.laws, strict=True))
+    at = own_prior({"marginals": laws} if given else {})
+    return "norm(1, 0.3)" in str(at)
+
+
 def of(owner, case):
     return lambda kind, given: case(kind, given, owner)
 
@@ -366,6 +400,8 @@ OF_RESULTS = {
     ("posterior", "result"): taken_with_posterior,
     ("reported", "result"): reported_as_its_own,
     ("betas", "move"): tempered,
+    ("logpdfs", "prior"): told_by_parameter,
+    ("marginals", "prior"): named_in_tables,
 }
 OF_MOVES = {("state", "move"), ("restore", "move")}  # CONTRIBUTING.md has their test
 
@@ -393,7 +429,7 @@ def test_a_row_of_the_table_has_its_effect(row, kind):
 
 
 @pytest.mark.parametrize("row", OF_RESULTS, ids=" ".join)
-def test_a_row_of_results_and_of_tempering_has_its_effect(row):
+def test_a_row_of_results_priors_and_tempering_has_its_effect(row):
     assert OF_RESULTS[row](True)
     assert not OF_RESULTS[row](False)
 

@@ -1,4 +1,4 @@
-"""What every model and every term must do; CONTRIBUTING.md shows how to use it.
+"""What every prior, model and term must do; CONTRIBUTING.md shows how to use it.
 
 A move has :func:`support.checks.exact_start`, a model's ``jacobian``
 :func:`support.derivatives.assert_jacobian`.
@@ -14,16 +14,47 @@ import emcee_femu as ef
 # What may be the same for all parameters of a right model: the shapes of modes, as
 # where one stiffness is a factor of all, and how they were paired.
 MAY_STAY = ("shapes", "mac", "model_mode", "unpaired")
+DRAWS, STEPS = 20_000, 20  # of a prior, and how often each draw is moved
+BY_CHANCE = 1e-4  # that a right prior is refused
 
 
 def _row(values, i):
     return {name: np.asarray(value)[i : i + 1] for name, value in values.items()}
 
 
+def assert_prior(prior):
+    """Its draws are of its density, lie inside its bounds and come from the generator.
+
+    Moved by steps that keep the density they must still have the law of other draws.
+    """
+    x, same, fresh = (prior.sample(np.random.default_rng(i), DRAWS) for i in (1, 1, 2))
+    assert x.shape == (DRAWS, len(prior.names)), "sample returns (n, d)"
+    assert np.array_equal(x, same) and (x != fresh).any(), "sample uses its generator"
+    low, high = prior.bounds.T
+    outside = np.vstack([low, high]) + np.array([[-1.0], [1.0]])
+    for i in range(x.shape[1]):
+        assert (x[:, i] >= low[i]).all() and (x[:, i] <= high[i]).all(), prior.names[i]
+        for end in outside[np.isfinite(outside[:, i])]:
+            point = np.where(np.arange(len(low)) == i, end, x[0])
+            assert prior.logpdf(point[None])[0] == -np.inf, "-inf out of bounds"
+    rng, scale = np.random.default_rng(3), x.std(axis=0)
+    height = prior.logpdf(x)
+    assert height.shape == (DRAWS,) and np.isfinite(height).all(), "logpdf returns (n,)"
+    for _ in range(STEPS):
+        y = x + scale * rng.standard_normal(x.shape)
+        new = prior.logpdf(y)
+        taken = np.log(rng.random(DRAWS)) < new - height
+        x, height = np.where(taken[:, None], y, x), np.where(taken, new, height)
+    for name, moved, drawn in zip(prior.names, x.T, fresh.T, strict=True):
+        chance = stats.ks_2samp(moved, drawn).pvalue
+        assert chance > BY_CHANCE, f"{name}: the draws have another law than logpdf"
+
+
 def assert_model(model, parameters, rtol=1e-9):
     """The response is as declared, and the same in a batch, one by one and pickled.
 
-    ``parameters`` are two different sets or more; ``rtol`` is a share of the largest.
+    ``parameters`` are two different sets or more, in which each parameter changes the
+    response by itself; ``rtol`` is a share of the largest.
     """
     declared = ef.contracts.read_declared(model, "variables")
     assert declared, "the model must have variables"
@@ -49,6 +80,13 @@ def assert_model(model, parameters, rtol=1e-9):
         single = np.concatenate([ef.contracts.read(one, name) for one in singles])
         atol = rtol * np.abs(value).max()
         np.testing.assert_allclose(single, value, rtol, atol, err_msg=f"{name}, alone")
+    known = [key for key, variable in declared.items() if variable.coords]
+    read = (ef.contracts.read_declared(model, k) or () for k in ("names", "bounds"))
+    for name in before.keys() & {name for names in read for name in names}:
+        only = {k: v if k == name else np.repeat(v[:1], n) for k, v in before.items()}
+        answers = [ef.contracts.read(model(only), key) for key in known]
+        changed = any((answer != answer[:1]).any() for answer in answers)
+        assert changed or not known, f"{name} by itself changes nothing"
 
 
 def assert_shapes(found, expected, rtol=0.0, atol=0.0):
