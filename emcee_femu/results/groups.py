@@ -108,7 +108,7 @@ class Conversion:
 
     @property
     def at(self) -> tuple[LogPosterior, Floats, Floats, str | None]:
-        """Posterior, draws, rows and the one term, as terms are asked."""
+        """What functions that ask the terms take: posterior, draws, rows, one term."""
         return self.sampled, self.chains.draws, self.rows, self.term
 
     def group(self, parts: Mapping[str, Labelled]) -> Dataset | None:

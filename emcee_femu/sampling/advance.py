@@ -76,8 +76,9 @@ def sample_until(
                         complete(bar)
                         return STOPPED_BY_VERDICT
                     look = next_look(done + 1)
-                # Some moves take several solves for a proposal, which only steps show.
-                # So a few steps come before many, and half of the rest before all.
+                # Some moves take several solves for a proposal, and only steps already
+                # made tell how many. So the first steps are few, and then at most half
+                # of the steps for which solves are left are made at a time.
                 spent = record.solves - record.evaluations if done else 0
                 room = left // max(per_step, -(-spent // max(done, 1)))
                 look = min(look, done + room - room // 2, 2 * done + FEWEST_STEPS)

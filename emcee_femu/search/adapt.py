@@ -19,15 +19,16 @@ from .proposal import CARRIER, Component, Proposal, add_components
 
 # Most rounds of a refinement.
 REFINING_ROUNDS = 12
-# What a chain takes with a perfect proposal, in rounds of the fewest draws: 1,200
-# solves of a run that ends by its verdict.
+# Length of a chain that ends by its verdict, if its proposal is perfect: so many times
+# the solves of the smallest round of draws, which is 1,200 solves in most runs.
 PERFECT_CHAIN = 4.0
 # A round that does not raise the effective share by this factor brings no gain.
 GAIN_OF_ROUND = 1.05
-# Part of what a perfect proposal would save that is expected after such a round. (If
-# all is, the frame of default_runs.py takes 9,200 solves instead of 8,300, but by seeds
-# 7001 to 7008 8,500 instead of 8,400. If no more than half is while rounds still gain,
-# two bent ridges of twelve take 2.5 and 4 times as many.)
+# After such a round, another one must cost less than this part of what a perfect
+# proposal would still save. (With all of it, the frame of default_runs.py takes 9,200
+# solves instead of 8,300, but by seeds 7001 to 7008 8,500 instead of 8,400. With half
+# of it after rounds that gain, too, two bent ridges of twelve take 2.5 and 4 times as
+# many.)
 WITHOUT_GAIN = 0.5
 # If its effective share is above this, a mixture whose components are kept needs no fit
 # that stresses the largest weights.
@@ -125,9 +126,9 @@ def _is_enough(
     costs more than that, or than a part of it if the last one brought no gain. It also
     ends if two brought none to a proposal so poor that polynomials will do better.
 
-    A chain whose steps= are given is a perfect one of e / (2 - e) as many. If it is
-    longer than those that end by their verdict, only two rounds without gain end a
-    refinement that is worth its price.
+    A chain whose number of steps is given is worth e / (2 - e) times as many steps of a
+    perfect proposal. If it is longer than chains that end by their verdict, its
+    refinement ends by the price, or after two rounds without gain.
     """
     c, shares = campaign, [judged.efficiency for judged in rounds]
     last, earlier = shares[-1], shares[:-2]  # the first may be good by chance

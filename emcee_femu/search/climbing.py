@@ -35,7 +35,8 @@ NOISE_OF_TOP = 0.1
 # Most steps of a climb.
 MOST_STEPS = 100
 # If a step gains less than this share of what the quadratic predicts, the radius
-# becomes this share of the step; if it lacks less, a radius that shortened it doubles.
+# shrinks to this share of the step. If it misses the prediction by less than this
+# share, a radius that shortened the step doubles.
 # (Nocedal and Wright, 2006, algorithm 4.1, where all three numbers are a quarter.)
 MISTRUST = 0.25
 # Least width of a posterior relative to that of the prior: the curvature of a narrower
@@ -213,7 +214,8 @@ def climb(
         box: Narrower bounds ``(d, 2)`` of the coordinates, inside which they climb.
 
     Raises:
-        ValueError: If the density grows without bound, and masses do not help.
+        ValueError: If the density grows without bound, and ``masses`` is False or the
+            integral is not finite either.
     """
     coordinates = coordinates or Coordinates.plain(evaluator.posterior.prior)
     space = Space(evaluator, guess, coordinates, box)

@@ -23,7 +23,7 @@ from .climbing import climb
 from .proposal import WIDER, Proposal
 from .shoulders import UNEXPLAINED, find_shoulders
 
-# Part of the budget that climbs may spend, however much is reserved for other stages.
+# Least part of the search's solves for climbs, whatever is reserved for other stages.
 CLIMBED_AT_LEAST = 1 / 3
 # Places at which the way from a maximum to a point is probed, relative to its length.
 WAY_POINTS = np.array([0.2, 0.4, 0.6, 0.8])

@@ -24,8 +24,8 @@ TAIL_WIDTH = 0.8
 TAIL_MATTERS = 1e-3
 # The draws in a slab tell its share if that is this many standard errors: 20 draws.
 WELL_SEEN = 4.5
-# If Laplace's approximation finds at most so many times their share, as many times
-# fewer standard errors are enough: 5 draws.
+# If Laplace's approximation finds at most this many times the share that the draws have
+# there, WELL_SEEN divided by the same number is enough: 5 draws.
 AGREE = 2.0
 # Weight of the components relative to Laplace's share of the variance. (Of mass-spring,
 # whose tail is .14 of a variance and .26 to .29 by Laplace, with 1 the draws are less

@@ -63,7 +63,7 @@ OF_RUN = Cures(
     "look at starts and at failed solves",
 )
 OF_EMCEE = Cures(
-    "run {:,} steps",
+    "run {:,} steps in all",
     "diagnose four samplers, each from starts of its own",
     "run(LogPosterior.from_function(...), seed=1)",
     "look at their starts",

@@ -94,8 +94,9 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
     within, between = diagnosis.rhat_within, diagnosis.rhat_between
     fewer = np.fmax(1.0, 2 * STEPS_PER_TAU / diagnosis.steps_per_tau)
     apart = np.sqrt(1 + (WALKERS_APART**2 - 1) * fewer)
-    # Values, their best, their limit, and the power that turns the excess into a factor
-    # of length.
+    # Of each criterion: its values, the best possible value, and the limit. The ratio
+    # of the distance from the best to the allowed distance, to this power, is the
+    # factor by which the chain must be longer.
     for values, best, limit, power, short, what in (
         (diagnosis.steps_per_tau, 0, STEPS_PER_TAU, -1, TOO_SHORT, "steps/tau"),
         (within, 1, apart, 1, "walkers stay apart", "R-hat over walkers"),
