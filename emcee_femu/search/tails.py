@@ -98,8 +98,8 @@ def _follow(
             break
         value, place = further, end
     total = sum(part for part, *_ in found)
-    # A share of a variance is half of that share of an sd, and the tail may take half of
-    # the sd's error: Laplace's approximation sees one of two arms of a slab.
+    # A share of a variance is half of that share of an sd, and the tail may take half
+    # of the sd's error: Laplace's approximation sees one of two arms of a slab.
     if total < SETTINGS.sd_at_end:
         return []
     # They get equal weights, since the mass of a slab with few draws is hardly known.

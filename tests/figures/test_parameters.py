@@ -116,6 +116,19 @@ def test_an_ellipse_where_samples_are_gaussian_and_regions_elsewhere(label):
         assert inside(lines, 0, places).tolist() == [False, True, True, False]
 
 
+def test_the_region_of_a_thin_bent_band_is_no_wider_than_the_band():
+    """It was several times as wide, with islands along the arms."""
+    rng = np.random.default_rng(4)
+    a = rng.normal(0.0, 2.0, (4, 1000))
+    band = np.stack([a, a**2 + 0.2 * rng.normal(size=a.shape)], axis=-1)
+    lines = drawn(ef.figures.plot_scatter(made(band)))[2][-1]
+    x = np.linspace(-2.0, 2.0, 41)
+    for away in (-1.5, 0.0, 1.5):
+        places = np.column_stack([x, x**2 + away])
+        assert inside(lines, 0, places).all() == (away == 0)
+        assert inside(lines, 0, places).any() == (away == 0)
+
+
 def test_a_density_that_leans_on_a_bound_does_not_fade_there():
     bounds = [(0.0, np.inf), (-np.inf, np.inf)]
     leaning = made(np.abs(NORMAL) * [1, 0] + NORMAL * [0, 1], bounds)
