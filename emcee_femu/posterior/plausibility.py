@@ -1,12 +1,13 @@
 """What is hardly meant so: units, the order of modes, priors, a model that is deaf."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
-from ..contracts import Floats
+from ..contracts import Floats, read_declared
 from .log_posterior import LogPosterior
-from .priors import summarize_prior
+from .priors import describe_marginal, summarize_prior
 
 # Median ratio to what was measured, or its inverse, to be suspected at the prior mean.
 # (Weight given as mass is 3.13 in frequencies, less what the prior mean is off.)
@@ -25,19 +26,34 @@ def doubt_prior(posterior: LogPosterior) -> list[str]:
         mean, sd = summarize_prior(posterior.prior)
     errors = {term.discrepancy for term in posterior.terms}
     doubts = []
+    laws = read_declared(posterior.prior, "marginals") or {}
     for name, centre, spread in zip(posterior.names, mean, sd, strict=True):
-        if name in errors and centre > LARGE_ERROR:
+        if name in laws and _is_shifted_only(laws[name]):
+            doubts.append(
+                f"prior: {name!r} is {describe_marginal(laws[name])}, of loc "
+                f"{laws[name].args[-1]:.4g} and scale 1: scipy.stats takes loc before "
+                "scale, as in lognorm(s, scale=median) and halfnorm(scale=0.02)"
+            )
+        elif name in errors and centre > LARGE_ERROR:
             doubts.append(
                 f"prior: the error {name!r} has a mean of {100 * centre:.3g} %; 2 % is "
-                "0.02, as in halfnorm(scale=0.02): scipy.stats takes loc before scale"
+                "0.02, as in halfnorm(scale=0.02)"
             )
-        if spread < NARROW_PRIOR * abs(centre):
+        elif spread < NARROW_PRIOR * abs(centre):
             doubts.append(
                 f"prior: {name!r} has an sd of {spread:.3g}, {spread / abs(centre):.1g}"
                 f" of its mean {centre:.4g}, so data can hardly change it; scipy.stats "
                 "has norm(mean, sd), and lognorm(s, scale=median)"
             )
     return doubts
+
+
+def _is_shifted_only(marginal: Any) -> bool:
+    """Return whether a law of scipy.stats other than norm has a loc, but no scale."""
+    law = getattr(marginal, "dist", None)  # a frozen one of scipy.stats
+    if law is None or law.name == "norm" or "scale" in marginal.kwds:
+        return False
+    return len(marginal.args) == law.numargs + 1
 
 
 def doubt_reach(posterior: LogPosterior, rows: Floats) -> list[str]:
@@ -146,5 +162,6 @@ def doubt_units(predicted: Floats, measured: Floats, unit: str) -> str:
     unit = f" {unit}".rstrip()
     return (
         f"model {predicted[0, 0]:.3g}{unit}, measured {measured[0]:.3g}{unit}: the "
-        f"model is {times:.3g} times too {'low' if less else 'high'}; {asked}"
+        f"model is {times:.3g} times too {'low' if less else 'high'} in the median; "
+        f"{asked}"
     )

@@ -18,7 +18,8 @@ SUSPECT, CLEAR, NOT_CHECKED = "suspect", "nothing suspect", "not checked"
 SAID = {
     CLEAR: "No sensor seems to be turned round, exchanged with another, or of another "
     "gain: none of these explains the measured shapes better than chance does.",
-    NOT_CHECKED: "Not checked: no mode shapes were measured.",
+    NOT_CHECKED: "Not checked: measured shapes are neither compared by a ShapeTerm nor "
+    "paired by a PairedModel.",
 }
 
 

@@ -32,7 +32,7 @@ good
 #
 # The first check that fails withholds "converged". `diagnosis.chains.short` is its
 # name; `diagnosis.chains.sentence` has the number, its limit, and what to do, such as
-# roughly how many `steps` are needed in all (a short chain tells this too low).
+# roughly how many `steps` are needed in all.
 #
 # | `chains.short` | what was seen | what to do |
 # |---|---|---|

@@ -104,8 +104,9 @@ show(lambda: ef.run(posterior, ef.DEMCMove(), **options, starts=outside))
 # - `Chains: not converged, ...` is a statement of {py:func}`~emcee_femu.diagnose`. It says
 #   what to do, usually how many steps to run.
 # - `UserWarning: frequency at the prior mean: model 3.56 Hz, measured 19.7 Hz: the
-#   model is 5.91 times too low; was rad/s given for Hz?` comes before sampling. Check
-#   it: data and model may have different units, or the prior may be far from the data.
+#   model is 5.91 times too low in the median; was rad/s given for Hz?` comes before
+#   sampling. Check it: data and model may have different units, or the prior may be far
+#   from the data.
 # - `FutureWarning: ArviZ is undergoing a major refactor ...` is printed by ArviZ 0.23
 #   whenever it is imported; ArviZ 1 has no such warning.
 

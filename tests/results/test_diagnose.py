@@ -408,10 +408,11 @@ def test_of_several_experiments_the_one_that_ignores_them_is_named():
 @pytest.mark.parametrize(
     ("law", "named"),
     [
-        ({"error": stats.halfnorm(0.02)}, "'error' .* 8[12].*%"),
+        ({"error": stats.halfnorm(0.02)}, r"'error' .*halfnorm\(0.02\).*scale 1"),
+        ({"error": stats.halfnorm(0, 1.0)}, "'error' .* 80 %|'error' .* 79.*%"),
         ({"error": stats.lognorm(0.02)}, "'error' .* 100 %"),
-        ({"k1": stats.lognorm(0.2, 50)}, ""),  # sd .22: 0.4 %, which may be meant
-        ({"k1": stats.lognorm(0.2, 50e3)}, "'k1' .* 4e-06"),
+        ({"k1": stats.lognorm(0.2, 50)}, r"'k1' .*lognorm\(0.2, 50\).*scale 1"),
+        ({"k1": stats.lognorm(0.2, 50, 1)}, ""),  # sd .22: 0.4 %, which may be meant
         ({"k1": stats.norm(-5e4, 0.2)}, "'k1' .* 4e-06"),
         ({"k1": stats.norm(0, 0.2)}, ""),
         ({"error": stats.halfnorm(scale=0.02)}, ""),
