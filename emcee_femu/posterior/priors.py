@@ -178,11 +178,12 @@ class IndependentPrior(KnownPrior):
         self.marginals = {}
         for name, marginal in marginals.items():
             if np.shape(marginal) == (2,):
-                low, high = checks.real_array(f"marginals[{name!r}]", marginal)
-                if not low < high:
+                low, high = checks.numeric_array(f"marginals[{name!r}]", marginal)
+                if not (low < high and np.isfinite(high - low)):
                     raise ValueError(
-                        f"marginals[{name!r}]: expected low < high, got {marginal}; "
-                        "a mean and a standard deviation are scipy.stats.norm(mean, sd)"
+                        f"marginals[{name!r}]: expected finite low < high, got "
+                        f"{marginal}; a mean and a standard deviation are "
+                        "scipy.stats.norm(mean, sd), of which no bound is needed"
                     )
                 marginal = stats.uniform(low, high - low)
             methods = {"logpdf", "rvs", "support", "freeze"} & {*dir(marginal)}
