@@ -168,8 +168,8 @@ def judge_search(maxima: MaximaWeights | None, cures: Cures) -> Statement:
     )
     if maxima.held > 1:
         sentence += (
-            f" The samples form {maxima.held} separate clouds, and a mean may lie "
-            "between them: report each with its weight."
+            f" {maxima.held} of them hold samples, so that a mean may lie between "
+            "clouds (plot_scatter shows it): report each with its weight."
         )
         i, j = np.triu_indices(count, 1)
         weights, errors = (
