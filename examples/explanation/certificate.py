@@ -123,7 +123,7 @@ refused = ef.certify(ef.to_inference_data(sampler, cut, 100), true, solves=100, 
 refused
 
 # %% [markdown]
-# A narrow mode that no climb comes near stays unseen. So does a part of the posterior
+# A narrow maximum that no climb comes near stays unseen. So does a part of the posterior
 # next to the draws, without a maximum of its own, that an emulator without `spread`
 # cuts off smoothly.
 #
