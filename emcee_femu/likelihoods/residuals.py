@@ -16,6 +16,7 @@ from ..contracts import Floats
 # What a record says of its data.
 FITS, MISFIT, NOT_JUDGED = "fits", "does not fit", "not judged"
 RESEMBLES_NONE = "resembles none"  # a measured mode, of all the model's modes
+ELSEWHERE = "elsewhere"  # a measured mode, whose shape is one of another frequency
 SKIPPED = "not measured"  # a mode of the model, between two that were measured
 SUSPECT = "suspect"  # a sensor which, put right, explains the measured shapes
 NONE_SUSPECT = "none suspect"  # of the sensors: none explains them, put right
@@ -64,7 +65,8 @@ class FitRecord:
 
     Attributes:
         status: "fits", "does not fit", "not judged", "resembles none" (a measured mode
-            that resembles no mode of the model), "not measured" (a mode of the model
+            that resembles no mode of the model), "elsewhere" (one with the shape of a
+            mode of quite another frequency), "not measured" (a mode of the model
             between two that were measured), "suspect" (sensors which, put right,
             explain the measured shapes: see :func:`.check_test`), or "none suspect" (of
             all sensors of an experiment).

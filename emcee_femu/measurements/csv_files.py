@@ -85,6 +85,7 @@ def read_csv(path: Path) -> Fields:
             "does: Measurements(table['f'], shapes=table[sensors].T, sensors=sensors)"
         )
     fields: Fields = {}
+    converted, plain = False, list[str]()  # rows in Hz, and those that name no unit
     sensors: dict[str, list[str]] = {field: [] for field in PER_SENSOR}
     dofs = []
     for place, row in rows[1:]:
@@ -104,11 +105,18 @@ def read_csv(path: Path) -> Fields:
             dof = dof.replace(",", ".")
         # A blank is what is not known, unless the file was cut there.
         open_end = row is rows[-1][1] and lines[-1][-1] not in "\r\n"
-        cut = open_end or len(row) < len(titles)
-        if field in PARTLY and not cut:
+        if len(row) < len(titles) and not open_end:
+            raise ValueError(
+                f"{place}: {len(row)} cells under {len(titles)} titles; what is not "
+                "known is a blank cell"
+            )
+        if field in PARTLY and not open_end:
             cells[3:] = [cell or "nan" for cell in cells[3:]]
         numbers = _read_numbers(place, titles, cells, field, comma)
         fields.setdefault(field, []).append([number * factor for number in numbers])
+        converted |= field == "frequencies" and factor != 1.0
+        if field in ("sd", "covariance") and not {*cells[0]} & {*"[("}:
+            plain.append(field)
         if field in PER_SENSOR:
             sensors[field].append(sensor)
         elif field != "covariance" and len(fields[field]) > 1:
@@ -119,6 +127,11 @@ def read_csv(path: Path) -> Fields:
         (fields[field],) = fields[field]
     if "frequencies" not in fields:
         raise ValueError(f"{path}: no row 'frequency [Hz]'")
+    if converted and plain:
+        raise ValueError(
+            f"{path}: the frequencies have another unit than Hz, and that of the row "
+            f"{plain[0]!r} is not known; write it in its title, such as 'sd [rad/s]'"
+        )
     of_shapes, of_sd = sensors.values()
     if of_sd and of_sd != of_shapes:
         raise ValueError(

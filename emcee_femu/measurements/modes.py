@@ -98,16 +98,24 @@ def warn_about_complex(mpc: Floats) -> None:
         )
 
 
-def find_duplicates(hertz: Floats, real: Floats) -> list[list[int]]:
+def find_duplicates(
+    hertz: Floats, real: Floats, apart: float = SAME_FREQUENCY, mac: float = SAME_MAC
+) -> list[list[int]]:
     """Return pairs of modes of the same frequency with a MAC near 1, identified twice.
 
     Not with a single sensor: symmetric structures have equal frequencies.
+
+    Args:
+        hertz: Measured frequencies ``(n_modes,)``.
+        real: Measured shapes ``(n_sensors, n_modes)``.
+        apart: Relative difference up to which frequencies are the same.
+        mac: MAC above which shapes are.
     """
     if len(real) < 2:
         return []
     unit = real / np.maximum(np.linalg.norm(real, axis=0), np.finfo(float).tiny)
-    same = np.abs(hertz[:, None] - hertz) <= SAME_FREQUENCY * hertz
-    same &= (unit.T @ unit) ** 2 > SAME_MAC
+    same = np.abs(hertz[:, None] - hertz) <= apart * hertz
+    same &= (unit.T @ unit) ** 2 > mac
     pairs: list[list[int]] = np.argwhere(np.triu(same, 1)).tolist()
     return pairs
 

@@ -174,7 +174,8 @@ def propose(dof: object, dofs: Sequence[Hashable]) -> str:
     there = [str(known) for known in dofs if str(known).partition(":")[0] == node]
     if not direction and there:
         return f"; DOFs have labels, such as {there[0]!r}"
-    if near and near[0] == str(dof).lower() or not there:
+    longer = any(str(dof).startswith(f"{known}") for known in there)  # as 9:uzz
+    if near and (longer or near[0] == str(dof).lower()) or not there:
         guess = f"; did you mean {labels[near[0]]!r}?" if near else "."
         return f"{guess} Nodes with DOFs are {_range_of(nodes)}"
     return (

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 
 from ..contracts import Floats, read_declared
+from ..measurements.modes import find_duplicates
+from .experiments import Experiment
 from .log_posterior import LogPosterior
 from .priors import describe_marginal, summarize_prior
 
@@ -14,6 +16,9 @@ from .priors import describe_marginal, summarize_prior
 FAR_RATIO = 2.5
 NEAR_RATIO = 1.25  # up to which a draw of the prior is near, or a ratio is a slip
 SLIPS = {2 * np.pi: "was rad/s given for Hz?", 9.81**0.5: "was weight given as mass?"}
+# Measured modes that are doubted to be one: relative difference of their frequencies,
+# MAC, and sensors of which fewer tell shapes apart badly.
+TWIN_FREQUENCY, TWIN_MAC, TWIN_SENSORS = 0.1, 0.95, 4
 LARGE_ERROR = 0.3  # prior mean of a relative error: most are meant to be a few percent
 NARROW_PRIOR = 9e-5  # sd by mean of a prior, 1e-4 less the error of both by sampling
 # Relative difference of responses that a solver's rounding may make.
@@ -53,7 +58,7 @@ def _is_shifted_only(marginal: Any) -> bool:
     law = getattr(marginal, "dist", None)  # a frozen one of scipy.stats
     if law is None or law.name == "norm" or "scale" in marginal.kwds:
         return False
-    return len(marginal.args) == law.numargs + 1
+    return bool(len(marginal.args) == law.numargs + 1)
 
 
 def doubt_reach(posterior: LogPosterior, rows: Floats) -> list[str]:
@@ -112,6 +117,7 @@ def doubt(
     """
     doubts = []
     for experiment in posterior.experiments:
+        doubts += _name_twins(experiment)
         by_number = "model_mode" not in experiment.variables
         for variable, data in [p for t in experiment.terms for p in t.observed.items()]:
             name, measured = experiment.full_name(variable), np.ravel(data)
@@ -128,6 +134,21 @@ def doubt(
             if text:
                 doubts.append(f"{name} at {place}: {text}")
     return doubts
+
+
+def _name_twins(experiment: Experiment) -> list[str]:
+    """Name measured modes that are perhaps one, identified twice."""
+    if (paired := experiment.paired) is None or paired.by_reference:
+        return []
+    test = paired.measurements
+    shapes = np.nan_to_num(test.compared)
+    return [
+        f"{experiment.full_name('shapes')}: measured modes {i + 1} and {j + 1} "
+        f"({test.frequencies[i]:.4g} and {test.frequencies[j]:.4g} Hz) have nearly one "
+        "shape: is one mode listed twice?"
+        for i, j in find_duplicates(test.frequencies, shapes, TWIN_FREQUENCY, TWIN_MAC)
+        if len(shapes) >= TWIN_SENSORS
+    ]
 
 
 def doubt_units(predicted: Floats, measured: Floats, unit: str) -> str:

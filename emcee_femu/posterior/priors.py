@@ -182,8 +182,8 @@ class IndependentPrior(KnownPrior):
                 if not (low < high and np.isfinite(high - low)):
                     raise ValueError(
                         f"marginals[{name!r}]: expected finite low < high, got "
-                        f"{marginal}; a mean and a standard deviation are "
-                        "scipy.stats.norm(mean, sd), of which no bound is needed"
+                        f"{marginal}; without bounds, and for a mean and a standard "
+                        "deviation, it is scipy.stats.norm(mean, sd)"
                     )
                 marginal = stats.uniform(low, high - low)
             methods = {"logpdf", "rvs", "support", "freeze"} & {*dir(marginal)}

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..contracts import Batch, Floats
 from ..likelihoods.residuals import (
+    ELSEWHERE,
     MISFIT,
     MODE,
     NONE_SUSPECT,
@@ -90,11 +91,12 @@ def judge_pairing(
 def judge_places(
     experiment: Experiment, stored: Batch, before: Batch, found: Sequence[FitRecord]
 ) -> list[FitRecord]:
-    """Return the records with a measured mode marked whose frequency no mode has.
+    """Return the records, and one of a measured mode whose frequency no mode has.
 
     Its shape pairs it with a mode of quite another frequency, while the others are
     near their own. A spurious mode may take the partner of a good one, and parameters
-    follow both: of several it is the least like its partner, at the prior mean.
+    follow both: if one of them is spurious, it is the least like its partner of all
+    modes, at the prior mean. Else it may be the model that is wrong.
     """
     own = [r for r in found if r.experiment == experiment.name]
     paired = experiment.paired
@@ -108,16 +110,19 @@ def judge_places(
     ]
     if not all(each.any() for each in off):  # or the updated model explains it
         return [*found]
-    i = int(np.argmin(np.where(off[0], before["mac"][0], np.inf)))
+    mac = before["mac"][0]
+    least = int(np.argmin(mac))
+    i = least if off[0][least] else int(np.flatnonzero(off[0])[0])
     ratio = before["frequency"][0, i] / paired.measurements.frequencies[i]
+    reason = f"is like a mode of {ratio:.3g} times its frequency"
     record = FitRecord(
-        status=RESEMBLES_NONE,
+        status=RESEMBLES_NONE if i == least else ELSEWHERE,
         experiment=experiment.name,
         term="",
         kind=MODE,
         label=str(i + 1),
-        mac_before=float(before["mac"][0, i]),
-        reason=f"is like a mode of {ratio:.3g} times its frequency",
+        mac_before=float(mac[i]),
+        reason="" if mac[i] < UNLIKE else reason,
     )
     return [*found, record]
 

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import stats
 
 from ..likelihoods.residuals import (
+    ELSEWHERE,
     FITS,
     MISFIT,
     MODE,
@@ -112,8 +113,12 @@ def judge_fit(
     sentence = "; ".join(said) + "."
     pressed, swapped = about.find_pressed(), [*_find_swaps(chains)]
     if missed or off:
-        found = [*_name_causes(judged, missed, bool(new.units)), *swapped, *new.units]
-        likeliest = found or [*_look_at_sensors(judged, missed)]
+        units = [] if recalled else new.units
+        doubted = bool(recalled or units)
+        found = [*recalled, *_name_causes(judged, missed, doubted), *swapped, *units]
+        # A wrong sensor does not move frequencies.
+        moved = any(name.split(".")[-1] == "frequency" for name in new.far)
+        likeliest = found or ([] if moved else [*_look_at_sensors(judged, missed)])
         outvoted = [] if found else [*_outvoted(chains.posterior, missed)]
         others = [*outvoted, *about.find_doubts(), *pressed]
         last = [] if likeliest or others else [_advise(new.wrong, about)]
@@ -198,7 +203,7 @@ def _name_misfits(
     for record in alike:
         what = record.reason or "resembles no mode of the model"
         text = f"measured {_name_mode(record)} {what}"
-        if not record.mac <= record.mac_before:
+        if np.isfinite(record.mac_before) and not record.mac <= record.mac_before:
             text += f" at the prior mean (MAC {record.mac_before:.2f})"
         yield text
     found = list[tuple[float, str]]()
@@ -293,6 +298,12 @@ def _name_causes(
             yield f"{said}. If it is so, put it right in what was measured."
         elif r.status == RESEMBLES_NONE and not other_units:
             yield f"Is measured mode {r.label}{where} spurious? {LEAVE_OUT}"
+        elif r.status == ELSEWHERE:
+            yield (
+                f"At the prior mean measured mode {r.label}{where} {r.reason} (MAC "
+                f"{r.mac_before:.2f}): is it another mode, or does the model lack a "
+                "mass or a stiffness that this mode moves?"
+            )
         elif r.status == SKIPPED:
             yield (
                 f"Mode {r.label} of the model{where} may not have been measured: the "

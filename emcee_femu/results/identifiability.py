@@ -206,7 +206,8 @@ class Identifiability(Report):
         far = ~self.is_error & (np.abs(self.shift) > FOLLOWED)
         return [
             f"{self.names[i]} is {self.shift[i]:+.1f} prior standard deviations from "
-            "its prior mean: are units wrong, or is the prior too narrow?"
+            "its prior mean: is something wrong in the model or in the test (a unit, a "
+            "mass, a sensor), or is the prior too narrow?"
             for i in np.flatnonzero(far)
         ]
 

@@ -35,7 +35,8 @@ STOPPED_BY_VERDICT, STOPPED_BY_SOLVES, STOPPED_BY_STEPS = "converged", "solves",
 # The same in words.
 ENDED = {
     STOPPED_BY_VERDICT: "it had converged",
-    STOPPED_BY_SOLVES: "its solves were spent; resume=True with more goes on",
+    STOPPED_BY_SOLVES: "its solves were spent; with more of them (solves=), a run in a "
+    "file goes on by resume=True",
 }
 
 

@@ -188,6 +188,11 @@ CURES = {
         r"'2:u30'.*\{'2:ux': 0\.87, '2:uy': 0\.5\}",
         lambda: paired(["1:uy", {"2:ux": 0.87, "2:uy": 0.5}]),
     ),
+    "a letter too much": (
+        lambda: paired(["1:uy", "2:uxx"]),
+        "'2:uxx'.*did you mean '2:ux'",
+        lambda: paired(["1:uy", "2:ux"]),
+    ),
     "numbers for labels": (
         lambda: paired([1, 2]),
         "labels, such as '1:ux'",
@@ -233,6 +238,20 @@ def test_frequencies_in_other_units_are_converted(rows, hertz, sd, tmp_path):
     path.write_text("\n".join(["quantity,sensor,dof,mode 1", *rows, ""]))
     test = ef.Measurements.from_csv(path)
     np.testing.assert_allclose([*test.frequencies, *test.sd], [hertz, sd])
+
+
+def test_the_unit_of_an_sd_is_stated_beside_frequencies_in_another(tmp_path):
+    path = tmp_path / "test.csv"
+    path.write_text("quantity,sensor,dof,mode 1\nfrequency [rad/s],,,6.28\nsd,,,0.1\n")
+    with pytest.raises(ValueError, match=r"'sd'.*'sd \[rad/s\]'"):
+        ef.Measurements.from_csv(path)
+
+
+def test_a_row_that_is_too_short_is_counted(tmp_path):
+    path = tmp_path / "test.csv"
+    path.write_text("quantity,sensor,dof,mode 1,mode 2\nfrequency [Hz],,,6.28\n")
+    with pytest.raises(ValueError, match="line 2: 4 cells under 5 titles"):
+        ef.Measurements.from_csv(path)
 
 
 @pytest.mark.parametrize(

@@ -158,11 +158,14 @@ def test_modes_far_from_their_frequency_are_named_only_where_the_others_are_near
             {"frequency": (HERTZ * ratios)[None], "mac": np.array([macs])}
             for ratios in (before if after is None else after, before)
         )
-        return [r.label for r in judge_places(experiment, now, then, [])]
+        found = judge_places(experiment, now, then, [])
+        return [f"{r.label} {r.status}" for r in found]
 
-    assert named([1.0, 1.8, 1.1]) == ["2"]
-    assert named([2.1, 1.0, 2.0]) == ["2"]
-    assert named([1.0, 2.0, 0.5], macs=(0.9, 0.9, 0.5)) == ["3"]  # the least like
+    assert named([1.0, 1.8, 1.1], macs=(0.9, 0.7, 0.8)) == ["2 resembles none"]
+    assert named([1.0, 1.8, 1.1], macs=(0.9, 1.0, 0.8)) == ["2 elsewhere"]  # the model
+    assert named([2.1, 1.0, 2.0], macs=(0.9, 0.7, 0.8)) == ["2 resembles none"]
+    least = (0.9, 0.9, 0.6)
+    assert named([1.0, 2.0, 0.5], macs=least) == ["3 resembles none"]
     assert named([3.0, 3.1, 2.9]) == named([1.3, 0.8, 1.0]) == []
     assert named([1.0, 1.8, 1.1], after=[1.0, 1.1, 1.0]) == []
     assert named([1.0, np.nan, 1.1]) == []
@@ -556,3 +559,14 @@ def test_right_tests_are_let_pass_and_wrong_ones_are_named():
     assert sum(row.status != "fits" for row in right) <= 4  # 2 expected at most
     assert sum(row.named for row in wrong) >= 15
     assert not any(row.status == "fits" for row in wrong)
+
+
+def test_a_mode_that_is_listed_twice_is_doubted_and_no_good_mode_accused():
+    hertz = np.insert(HERTZ, 2, 1.03 * HERTZ[1])
+    twice = NOISY[:, 1] + 0.02 * np.random.default_rng(3).normal(size=N)
+    posterior = target(np.insert(NOISY, 2, twice, axis=1), hertz)
+    with pytest.warns(UserWarning, match="modes 2 and 3 .*listed twice"):
+        found = ef.diagnose(sample(posterior), 40)
+    assert found.fit.status == "does not fit"
+    assert "listed twice" in found.fit.sentence
+    assert "spurious" not in found.fit.sentence

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ...contracts import Floats, read_declared
+from ...likelihoods.residuals import FITS
 from ...posterior.experiments import Experiment
 from ...posterior.log_posterior import LogPosterior
 from ...posterior.priors import prior_centre
@@ -16,7 +17,7 @@ from ...results.arviz_objects import (
     samples,
     unit_of,
 )
-from ...results.fit_statement import DOES_NOT_FIT
+from ...results.fit_statement import DOES_NOT_FIT, NOT_CHECKED
 from ...results.measured import Measured
 from ...results.shapes import solve_shapes
 from ...results.tables import summarize
@@ -73,6 +74,8 @@ def say_trust(diagnosis: Diagnosis, measured: Sequence[Measured]) -> str:
         against, parts = [f"the runs have {status}"], []
     if diagnosis.fit.status == DOES_NOT_FIT:
         against.append(f"the model does not fit the test ({diagnosis.fit.short})")
+    elif diagnosis.fit.status not in (FITS, NOT_CHECKED):
+        parts.append(f"doubts remain ({diagnosis.fit.short}), which stand below")
     if against:
         parts.insert(0, f"do not use these numbers yet: {' and '.join(against)}")
     judged = [part for part in measured if part.replicated is not None]

@@ -161,7 +161,7 @@ def report(
         python=f"{platform.python_version()} on {platform.system()}",
         own=own,
         result=result,
-        counts={part.name: len(part.values) for part in measured},
+        counts=dict(_count_data(measured, experiments)),
         measured=[_tabulate_measured(part, sampled) for part in measured],
         measured_shapes=[t for e in experiments for t in _tabulate_shapes(e)],
         digests={
@@ -247,6 +247,18 @@ def _draw(figure: Figure) -> str:
     from ...figures.style import draw_png
 
     return f"data:image/png;base64,{b64encode(draw_png(figure)).decode()}"
+
+
+def _count_data(
+    measured: Iterable[Measured], experiments: Iterable[Experiment]
+) -> Iterator[tuple[str, int]]:
+    """Yield how many values of each kind were measured, those of shapes among them."""
+    for part in measured:
+        yield part.name, len(part.values)
+    for experiment in experiments:
+        for term in experiment.terms:
+            if isinstance(term, ShapeTerm):
+                yield experiment.full_name("mode shapes"), int(term.there.sum())
 
 
 def _list_data(
