@@ -38,6 +38,7 @@ TITLE_LINE, LEGEND_LINE = 0.16, 0.2  # inches
 PADDING = 0.1  # inches around a panel, and around the legend
 STEEPEST = 1.6  # height of a panel by its width, at most
 LARGEST_DRAWN = 0.15  # displacement drawn, of the size of the structure
+MOST_NAMED = 12  # sensors beside each other whose names can be read
 SHAPE_MARGIN = 0.17  # around the structure, of its size
 # A view in space: from how far to the side, and from how far above.
 SIDE, ABOVE = math.radians(30), math.radians(22)
@@ -139,6 +140,7 @@ class Layout(NamedTuple):
     """The modes of an experiment, and how they are drawn."""
 
     geometry: Geometry
+    names: Sequence[str]
     solved: ModeShapes
     numbers: Sequence[int]
     drawn: Sequence[Sequence[Moves]]
@@ -188,18 +190,22 @@ def _lay_out(
     height = below + rows * (above + PADDING + (SHAPE_PANEL - PADDING) * slope)
     inches = max(SHAPE_PANEL * columns, 3.6), height
     box = low, high, size
-    return Layout(geometry, solved, numbers, drawn, view, *box, columns, inches)
+    sensors = solved.pairing.sensors if solved.pairing else ()
+    names = test.paired.measurements.sensors if test.paired else [*map(str, sensors)]
+    shown = geometry, names, solved, numbers, drawn, view
+    return Layout(*shown, *box, columns, inches)
 
 
 def _draw_modes(panels: list[Axes], laid: Layout, structure: bool) -> None:
     """Draw each mode in its panel, after the structure if that is asked for."""
-    (geometry, solved, numbers, drawn, view, low, high, extent, *_) = laid
+    (geometry, _, solved, numbers, drawn, view, low, high, extent, *_) = laid
     for axes in panels:
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         axes.set(xticks=[], yticks=[], frame_on=False)
     if structure:
         sensors = solved.pairing.sensors if solved.pairing else ()
-        _draw_sensors(panels.pop(0), geometry, view, sensors, LARGEST_DRAWN * extent)
+        length = LARGEST_DRAWN * extent
+        _draw_sensors(panels.pop(0), geometry, view, sensors, laid.names, length)
     for axes, number, mode in zip(panels, numbers, drawn, strict=True):
         bent = _bend_lines(geometry, mode)
         moves = [moved for _, moved in bent]
@@ -366,15 +372,22 @@ def _draw_sensors(
     geometry: Geometry,
     view: Floats,
     sensors: Sequence[Hashable],
+    names: Sequence[str],
     length: float,
 ) -> None:
-    """Draw the structure at rest, and an arrow along each sensor."""
+    """Draw the structure at rest, and an arrow along each sensor, with its name."""
     lines = [[view @ geometry.nodes[node] for node in line] for line in geometry.lines]
     axes.add_collection(LineCollection(lines, colors="0.4", linewidths=1.4))
-    for place in filter(None, map(geometry.locate, sensors)):
+    for sensor, name in zip(sensors, names, strict=True):
+        if (place := geometry.locate(sensor)) is None:
+            continue
         (x, y), (dx, dy) = view @ geometry.nodes[place[0]], length * view @ place[1]
         style: Style = {"arrowstyle": "-|>", "color": RED, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", (x + dx, y + dy), (x, y), arrowprops=style)
+        if len(names) <= MOST_NAMED:  # beyond the tip
+            sides = {"ha": "left" if dx > 0 else "right"}
+            sides["va"] = "bottom" if dy > 0 else "top"
+            axes.text(x + dx, y + dy, name, fontsize=6, color=RED, **sides)
     count = f", {len(sensors)} sensors" if sensors else ""
     axes.set_title(f"the structure{count}", fontsize=9)
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
+from matplotlib.text import Annotation
 from numpy.testing import assert_allclose
 from support.figures import assert_readable
 from support.tower import HERTZ, MEASURED, MODEL, PRIOR, SPRINGS, at_mean
@@ -265,8 +266,11 @@ def test_a_panel_shows_the_structure_with_its_sensors(run):
     figure = ef.figures.plot_shapes(run, modes=[2], geometry=TOWER, structure=True)
     first, second = figure.axes
     assert "2 sensors" in first.get_title() and "mode 2" in second.get_title()
-    tails = [arrow.xyann for arrow in first.texts]
+    arrows = [text for text in first.texts if isinstance(text, Annotation)]
+    tails = [arrow.xyann for arrow in arrows]
     assert_allclose(sorted(tails), [(0, 3), (0, 6)], atol=1e-9)
+    names = [text.get_text() for text in first.texts if text not in arrows]
+    assert names == [*TEST.sensors]
 
 
 @pytest.mark.parametrize(
