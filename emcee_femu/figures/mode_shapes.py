@@ -385,7 +385,7 @@ def _draw_sensors(
         style: Style = {"arrowstyle": "-|>", "color": RED, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", (x + dx, y + dy), (x, y), arrowprops=style)
         if len(names) <= MOST_NAMED:  # beyond the tip
-            sides = {"ha": "left" if dx > 0 else "right"}
+            sides: Style = {"ha": "left" if dx > 0 else "right"}
             sides["va"] = "bottom" if dy > 0 else "top"
             axes.text(x + dx, y + dy, name, fontsize=6, color=RED, **sides)
     count = f", {len(sensors)} sensors" if sensors else ""

@@ -11,10 +11,10 @@ from .experiments import Experiment
 from .log_posterior import LogPosterior
 from .priors import describe_marginal, summarize_prior
 
-# Median ratio to what was measured, or its inverse, to be suspected at the prior mean.
-# (Weight given as mass is 3.13 in frequencies, less what the prior mean is off.)
-FAR_RATIO = 2.5
-NEAR_RATIO = 1.25  # up to which a draw of the prior is near, or a ratio is a slip
+FAR_RATIO = 3.0  # median ratio to what was measured, or its inverse, that is suspected
+# Ratios of frequencies by known slips, which are suspected from half as far on: up to
+# this factor, a ratio is taken for one.
+LIKE_SLIP = 1.15
 SLIPS = {2 * np.pi: "was rad/s given for Hz?", 9.81**0.5: "was weight given as mass?"}
 # Measured modes that are doubted to be one: relative difference of their frequencies,
 # MAC, and sensors of which fewer tell shapes apart badly.
@@ -161,8 +161,8 @@ def doubt_units(predicted: Floats, measured: Floats, unit: str) -> str:
 
     Returns:
         Both numbers, of the first value, and the median ratio at the first point; an
-        empty text if that is not far, or near at another point, or if any prediction is
-        to the other side.
+        empty text if it is near at any of the points, or any prediction to the other
+        side.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = np.log(np.abs(predicted / measured))
@@ -172,17 +172,15 @@ def doubt_units(predicted: Floats, measured: Floats, unit: str) -> str:
     medians = np.median(solved, axis=1)
     less = medians[0] < 0
     far, nearest = np.abs(medians[0]), np.abs(medians).min()
-    if far <= np.log(FAR_RATIO) or nearest <= np.log(NEAR_RATIO):
+    asked, least = "do the units agree?", np.log(FAR_RATIO)
+    for factor, slip in SLIPS.items() if unit == "Hz" else ():
+        if np.abs(far - np.log(factor)) < np.log(LIKE_SLIP):
+            asked, least = slip, far / 2
+    if nearest <= least or ((solved < 0) != less).any():
         return ""
-    if ((solved < 0) != less).any():
-        return ""
-    times, asked = np.exp(far), "do the units agree?"
-    for factor, slip in SLIPS.items():
-        if unit == "Hz" and 1 / NEAR_RATIO < times / factor < NEAR_RATIO:
-            asked = slip
     unit = f" {unit}".rstrip()
     return (
         f"model {predicted[0, 0]:.3g}{unit}, measured {measured[0]:.3g}{unit}: the "
-        f"model is {times:.3g} times too {'low' if less else 'high'} in the median; "
-        f"{asked}"
+        f"model is {np.exp(far):.3g} times too {'low' if less else 'high'} in the "
+        f"median; {asked}"
     )

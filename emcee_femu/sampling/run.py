@@ -146,7 +146,7 @@ def run(
             solves failed, or a worker died. After an error during sampling, its
             attribute ``run`` has the samples so far.
         UserWarning: If the predictions at the prior mean are off by more than a
-            factor of 2.5 (units?), the frequencies are in another order than the
+            factor of 3 (units?), the frequencies are in another order than the
             measured ones, the prior looks wrong, or the model ignores its
             parameters. Or if a move is one of emcee's that samples wrongly.
 

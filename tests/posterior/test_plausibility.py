@@ -38,3 +38,13 @@ def test_one_prediction_on_the_other_side_is_enough_to_believe():
 def test_radians_are_asked_about_for_frequencies_alone(unit, turns):
     said = doubt_units(OF_TURNS * MEASURED[None], MEASURED, unit)
     assert ("rad/s" in said) == turns
+
+
+@pytest.mark.parametrize(
+    ("times", "doubted"),
+    [([3.1], True), ([2.85, 1.9], True), ([2.85, 1.6], False), ([2.6], False)],
+)
+def test_weight_given_as_mass_is_doubted_a_little_below_the_limit(times, doubted):
+    """It is 3.13 in frequencies, less what the prior mean is off."""
+    said = doubt_units(np.outer(times, MEASURED), MEASURED, "Hz")
+    assert bool(said) == doubted and ("weight" in said) == doubted

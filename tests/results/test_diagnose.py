@@ -143,14 +143,14 @@ DENSITY = ef.LogPosterior(  # a term has all of it, as in targets of benchmarks
 @pytest.mark.parametrize(
     ("posterior", "moves"),
     [
-        (posterior_of(2.4 * AT_MEAN, prior=NARROW), ef.DEMCMove()),
+        (posterior_of(2.6 * AT_MEAN, prior=NARROW), ef.DEMCMove()),
         (posterior_of(HERTZ * [1.0, 8.0]), ef.DEMCMove()),
         (posterior_of(prior=WIDE), ef.DEMCMove()),
         (crossing(), ef.DEMCMove()),
         (DENSITY, ef.DEMCMove()),
         (DENSITY, "auto"),
     ],
-    ids=["2.4 times", "one mode", "a wide prior", "paired", "no model", "none, auto"],
+    ids=["2.6 times", "one mode", "a wide prior", "paired", "no model", "none, auto"],
 )
 def test_what_is_no_matter_of_units_is_not_doubted(posterior, moves):
     assert doubts(posterior, moves=moves)[1] == []

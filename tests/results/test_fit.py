@@ -531,7 +531,7 @@ def test_a_report_prints_the_numbers_of_the_tables_and_of_the_verdict(tmp_path):
         assert count in ef.diagnose(source, 40 * (source is run)).fit.sentence
     assert count in page
     tae = frequencies.column("error % ")[-1]
-    assert f"mean error of the frequencies is {tae:.2g} %" in page
+    assert f"mean error of the frequencies is {tae:.3g} %" in page
     ratio = ef.parameter_table(idata).column("sd/prior sd")[0]
     assert_allclose(ratio, ef.identifiability(idata).sd_ratio[0], rtol=1e-12)
     assert frequencies._repr_html_() in page
