@@ -93,7 +93,7 @@ def test_a_measured_table_names_its_script_version_and_day(file):
     (main,) = [d for d in script.body if getattr(d, "name", "") == "main"]
     options = {argument.arg for argument in main.args.args}
     assert set(re.findall(r"--(\w+)", found[2])) <= options
-    assert re.match(r"emcee_femu \d+\.\d+\.\d+, \d{4}-\d\d-\d\d", made)
+    assert re.match(r"emcee_femu \d+\.\d+\.\d+( \(\w+\))?, \d{4}-\d\d-\d\d", made)
 
 
 def test_each_measured_table_is_shown_on_a_page():
